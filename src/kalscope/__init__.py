@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from kalscope.estimation.many import estimate_many as estimate_many
     from kalscope.estimation.noise import noise_from_datasheet as noise_from_datasheet
     from kalscope.estimation.noise import noise_from_still as noise_from_still
-    from kalscope.estimation.noise import starting_params as starting_params
+    from kalscope.estimation.request import starting_params as starting_params
     from kalscope.estimation.result import Estimate as Estimate
     from kalscope.export.registry import export_tuning as export_tuning
     from kalscope.filtering.filter import FilterResult as FilterResult
@@ -63,7 +63,8 @@ _NAMES = {
     "estimation.fusion": "estimate_fusion",
     "estimation.likelihood": "log_likelihood",
     "estimation.many": "EstimateTable estimate_many",
-    "estimation.noise": "noise_from_datasheet noise_from_still starting_params",
+    "estimation.noise": "noise_from_datasheet noise_from_still",
+    "estimation.request": "starting_params",
     "estimation.result": "Estimate",
     "export.registry": "export_tuning",
     "filtering.filter": "FilterResult KalmanFilter SmootherResult denoise fuse kalman_filter smooth",

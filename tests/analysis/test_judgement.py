@@ -118,20 +118,6 @@ def test_a_wrong_pair_is_wrong_on_both_halves_and_no_change():
     assert sizes == pytest.approx([0.1, 0.1], rel=0.3)
 
 
-def test_a_filter_that_starts_from_a_spike_is_not_called_a_change_of_the_noise():
-    z = walk()
-    z[0] += 600.0
-    found = estimate(z)
-    one = judge(residuals(z, found.params, fitted=True), None, found)
-    assert (one.status, len(one.findings)) == ("start", 1)
-    assert "it is a spike" in one.findings[0].text
-    z[:2] = z[1], 600.0
-    found = estimate(z)
-    assert judge(residuals(z, found.params, fitted=True), None, found).status != "start"
-    found = estimate(z[2:])
-    assert judge(residuals(z[2:], found.params, fitted=True), None, found).status == "fits"
-
-
 # --- advice that can be taken -----------------------------------------------------------------------------
 
 

@@ -15,12 +15,13 @@ def test_advice_is_taken_by_its_button_and_spikes_are_marked(start):
     z = open_source(SPIKY).values[:, 0]
     first, best = starting_params(z), estimate(z)
     screen = start(SPIKY)
+    screen.page.get_by_text("Start and outliers", exact=True).click()
+    screen.type("outlier gate", "off")  # it opens with one
     screen.page.get_by_role("button", name="spikes").click()  # the verdict; the reasons stay open
     spikes = screen.page.get_by_text("The record has spikes: single readings far from those around them.").first
     spikes.wait_for()
     screen.page.get_by_role("button", name="Switch the gate on (4 σ)").click()
     spikes.wait_for(state="detached")  # after it the sentence is another one
-    screen.page.get_by_text("Start and outliers", exact=True).click()
     screen.wait_for_value("outlier gate", "4")
     screen.wait_for_line("filtered", kalman_filter(z, FilterParams(first.q, first.r, gate=16.0)).x, 1e-9)
     screen.page.get_by_role("button", name="Undo").click()

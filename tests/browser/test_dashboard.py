@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import tomllib
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ from program import command
 from screen import FIND, Screen
 from waiting import PATIENCE, wait_until
 
-from kalscope import FilterParams, estimate, kalman_filter, open_source, ratio_for, starting_params, steady_state
+from kalscope import estimate, kalman_filter, open_source, ratio_for, starting_params, steady_state
 from kalscope.common.text import lag_text
 from kalscope.estimation.request import Noise, Request, find_parameters
 from kalscope.estimation.still import find_still_stretch
@@ -25,8 +26,7 @@ DEMO = open_source("demo").values[:, 0]
 
 
 def filtered(z, **params):
-    start = starting_params(z)
-    return kalman_filter(z, FilterParams(**{"q": start.q, "r": start.r, **params})).x
+    return kalman_filter(z, replace(starting_params(z), **params)).x
 
 
 WATCH_LAYOUT = """(() => { const panels = window.panels = new Set(), charts = window.charts = new Set();
@@ -85,7 +85,7 @@ def test_first_look_shows_the_demo_at_its_starting_values_and_a_typed_start_the_
     _, high = screen.line("+2√p")
     assert np.allclose(high, result.x + 2 * np.sqrt(result.p), rtol=1e-12)
     screen.page.get_by_text("Resulting filter", exact=True).click()
-    for words in ("lag 190 ms · noise", "lag (delay)", "190 ms", "13.0 dB", "0.796 Hz", "0.0951", "46.1 samples"):
+    for words in ("lag 12.4 ms · noise", "lag (delay)", "12.4 ms", "5.65 dB"):
         screen.page.get_by_text(words).first.wait_for()
     screen.wait_for_fit()
     screen.shot("first-look")

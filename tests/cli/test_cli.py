@@ -20,7 +20,7 @@ from waiting import PATIENCE
 from kalscope.catalogue import open_source
 from kalscope.cli.app import COMMANDS, function_of, run
 from kalscope.cli.filter import MAX_LINE_BYTES
-from kalscope.estimation.noise import starting_params
+from kalscope.estimation.request import Noise, Request, find_parameters
 from kalscope.filtering.filter import KalmanFilter, kalman_filter
 from kalscope.filtering.params import FilterParams
 from kalscope.sources.reading.recording_file import read_recording
@@ -76,11 +76,6 @@ CASES: list[tuple[str, dict[str, FilterParams], tuple[str, ...]]] = [
     ("--config tuning --channel b --q 0.25 --p0 diffuse --x0 first", {"b": FilterParams(0.25, 2.0, gate=9.0)}, ()),
     ("--q 0 --r 2 --p0 1 --x0 -0.5", {"a": BOTH, "b": BOTH}, ()),
     (
-        "--channel a --r 5",
-        {"a": FilterParams(0.05, 5.0)},
-        ("a: q = 0.05, r = 5; values not given are the starting",),
-    ),
-    (
         "--config tuning --channel a --sample-period 0.04",
         {"a": FilterParams(0.1 / 3.0 * 4.0, 1.7)},
         (TAKEN, "q was multiplied by 4: it was tuned at a sample period of 0.01 s, here it is 0.04 s"),
@@ -132,13 +127,16 @@ def test_the_filtered_column_is_kalman_filter_bit_for_bit(
     assert err.count("\n") == len(notes)
 
 
-def test_without_parameters_it_starts_as_the_dashboard_does_and_fills_a_file(
-    log: Path, tmp_path: Path, capsys: Captured
+@pytest.mark.parametrize("r", [None, 5.0])
+def test_what_is_not_given_is_that_of_the_first_answer_and_fills_a_file(
+    r: float | None, log: Path, tmp_path: Path, capsys: Captured
 ) -> None:
-    assert run(["filter", str(log), "--channel", "a", "-o", str(tmp_path / "out.csv")]) == 0
+    given = [] if r is None else ["--r", "5"]
+    assert run(["filter", str(log), "--channel", "a", "-o", str(tmp_path / "out.csv"), *given]) == 0
     out, err = capsys.readouterr()
     z = read_recording(log).channel("a")
-    params = starting_params(z)
+    params = find_parameters(z, Request(noise=Noise(r=r))).params
+    assert params is not None
     filtered = columns((tmp_path / "out.csv").read_text())["a_filtered"]
     np.testing.assert_array_equal(filtered, kalman_filter(z, params).x)
     assert out == ""
@@ -258,7 +256,7 @@ def test_the_largest_numbers_get_an_answer_in_words(tmp_path: Path, capsys: Capt
     log = tmp_path / "alternating.csv"
     log.write_text("".join(f"{(-1) ** i * 1e308}\n" for i in range(300)))
     assert run(["tune", str(log), "--details"]) == 0
-    assert "numbers out of range" in capsys.readouterr().out
+    assert "outside 1e-300 to 1e300" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize("error", [ZeroDivisionError, KeyboardInterrupt])

@@ -1,4 +1,4 @@
-"""What FilterParams accepts, refuses and derives; where tuning starts."""
+"""What FilterParams accepts, refuses and derives; the noise that stands for an estimate."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ from kalscope import (
     kalman_filter,
     log_likelihood,
     smooth,
-    starting_params,
     steady_state,
 )
+from kalscope.estimation.noise import noise_scale
 
 
 @each(
@@ -101,34 +101,20 @@ def test_some_sensors_are_a_filter_too():
     assert params.shares.tolist() == pytest.approx([0.4, 0.2, 0.4])
 
 
-def test_tuning_starts_at_half_the_variance_of_the_differences():
+def test_a_noise_without_an_estimate_is_half_the_variance_of_the_differences():
     z = np.array([1.0, 3.0, 2.0, 5.0, 4.0])
-    params = starting_params(z)
-    assert params.r == pytest.approx(np.var(np.diff(z), ddof=1) / 2)
-    assert params.q == pytest.approx(params.r / 100)
-    assert (params.p0, params.x0) == (None, None)
+    assert noise_scale(z) == pytest.approx(np.var(np.diff(z), ddof=1) / 2)
+    for scale in (1e-140, 1e-9, 1e9, 1e140):
+        assert noise_scale(z * scale) == pytest.approx(noise_scale(z) * scale**2, rel=1e-9)
 
 
 @pytest.mark.parametrize("z", [np.arange(100) * 0.1 + 3, 5e6 - 0.3 * np.arange(500), [1.0, 2.0, 3.0]])
-def test_an_even_ramp_starts_at_half_the_square_of_its_step_not_at_its_rounding(z):
-    assert starting_params(z).r == pytest.approx((z[1] - z[0]) ** 2 / 2)
+def test_of_an_even_ramp_it_is_half_the_square_of_its_step_not_its_rounding(z):
+    assert noise_scale(z) == pytest.approx((z[1] - z[0]) ** 2 / 2)
 
 
 def test_what_wobbles_in_its_last_bit_stands_still():
-    assert starting_params([3.3, math.nextafter(3.3, 4)] * 9).r == pytest.approx(0.0033**2)
-
-
-@each("scale", [1e-140, 1e-9, 1.0, 1e9, 1e140])
-def test_the_start_follows_the_unit_of_the_signal(scale):
-    z = np.array([1.0, 3.0, 2.0, 5.0, 4.0])
-    assert starting_params(z * scale).r == pytest.approx(starting_params(z).r * scale**2, rel=1e-9)
-
-
-@each("z", [[], [1.0], [math.nan] * 5, [0.0] * 9, [7.0] * 9, [1e200, -1e200, 1e200], [5e-324] * 3])
-def test_every_signal_has_a_usable_start(z):
-    params = starting_params(z)
-    assert params.r > 0
-    assert params.q > 0
+    assert noise_scale([3.3, math.nextafter(3.3, 4)] * 9) == pytest.approx(0.0033**2)
 
 
 @each("function", [kalman_filter, denoise, smooth, log_likelihood, lambda _, params: KalmanFilter(params)])

@@ -62,16 +62,16 @@ def judged_states() -> Iterator[tuple[str, Any]]:
 
 
 def judged_fits() -> Iterator[tuple[str, Any]]:
-    """The best fit of each record of the verdict table."""
+    """The first answer on each record of the verdict table."""
     from verdict_states import SIGNALS
 
     from kalscope.analysis.judge import judge
-    from kalscope.estimation.request import Request
+    from kalscope.estimation.request import find_parameters
 
     for name, z in SIGNALS.items():
-        fit = ks.estimate(z)
-        tested = fit.params and ks.diagnose(ks.kalman_filter(z, fit.params), fitted=True)
-        yield name, judge(tested, None, fit, request=Request())
+        found = find_parameters(z)
+        tested = ks.diagnose(ks.kalman_filter(z, found.params), fitted=found.reason == "best_fit")
+        yield name, judge(tested, None, found.estimate, request=found.request)
 
 
 def run(*arguments: str) -> str:
@@ -297,7 +297,7 @@ COMMANDS = (
 
 
 def states_judged() -> Iterator[Case]:
-    for kind, judged in (("by hand", judged_states()), ("best fit", judged_fits())):
+    for kind, judged in (("by hand", judged_states()), ("first answer", judged_fits())):
         for name, one in judged:
             advice = [{"text": each.text, "action": type(each.action).__name__} for each in one.findings]
             case = {"id": f"judged#{kind}, {name}", "advice": advice}

@@ -21,7 +21,7 @@ from kalscope.recording import Recording
 from kalscope.tuning.choose import name_of_fused
 from kalscope.tuning.file import loads
 from kalscope.tuning.tuning import ChannelTuning, Tuning
-from kalscope_app.session.opening import adapted, with_sample_period
+from kalscope_app.session.opening import adapted, with_first_answer, with_sample_period
 from kalscope_app.session.state import (
     LINKS,
     MAX_SENSORS,
@@ -137,7 +137,9 @@ def apply_found(state: State, recording: Recording, channel: str, found: FitResu
         )
     q, r, momentum = (float(value) for value in (found.params.q, found.params.r, found.params.momentum))
     gate = before.gate if found.params.gate is None else found.params.gate
-    after = replace(before, q=q, r=r, momentum=momentum, gate=gate, how=found.how, chain=None, paper=None)
+    start = {} if found.params.p0 is None else {"p0": found.params.p0, "x0": found.params.x0}
+    values = {"q": q, "r": r, "momentum": momentum, "gate": gate, **start}
+    after = replace(before, **values, how=found.how, chain=None, paper=None)
     answer = Outcome(found.how, found.message, before, after, found.estimate, found.request)
     outcome = answer if channel == state.channel else None
     return state.with_tuning_of(at, after).with_answers(outcome=outcome)
@@ -277,6 +279,7 @@ def select_channel(state: State, name: str) -> State:
     if fused is (state.fusion is not None) and (fused or name == state.channel):
         return state
     state = state.with_open(channel=state.channel if fused else name, fused=fused).with_reset_view()
+    state = state if fused else with_first_answer(state)
     return state.with_answers(outcome=None, note="")
 
 

@@ -12,7 +12,8 @@ import numpy as np
 from kalscope.analysis.channel_kinds import default_channel
 from kalscope.common.numbers import check_sample_period
 from kalscope.common.text import one_line, sample_rate
-from kalscope.estimation.noise import starting_params
+from kalscope.estimation.noise import noise_scale
+from kalscope.estimation.request import find_parameters
 from kalscope.filtering.filter import Filter, StandardFilter
 from kalscope.papers.generalized import GeneralizedParams
 from kalscope.papers.reproduction import open_experiment
@@ -26,6 +27,12 @@ MAX_NAMED = 3
 
 SAME_RATE = 0.05
 """Share by which a board's measured sample period may differ from that of a tuning file before q is rescaled."""
+
+MOST_FITTED = 400_000
+"""Samples of all channels together that are fitted when a recording opens: seconds matter."""
+
+MOST_CHANNELS, NOT_FITTED = 24, "not fitted yet"
+"""Channels that are fitted when a recording opens; the others are when they are chosen."""
 
 ChannelKey = tuple[str, str]
 """Name and unit: what must be the same for settings to stay."""
@@ -46,6 +53,7 @@ def opened(
     """
     starts = starts or tuple(starting_tuning(recording, name) for name in recording.names)
     fresh = State(OpenRecording(recording, default_channel(recording)), ChannelSettings(starts, starts))
+    fresh = with_first_answer(fresh)
     return fresh if before is None else _with_what_stays(fresh, before)
 
 
@@ -82,10 +90,34 @@ def _listed(names: list[str]) -> str:
 
 
 def starting_tuning(recording: Recording, name: str) -> ChannelTuning:
-    """R = var(Δz)/2 and q = r/100 of one channel, automatic start."""
-    start = starting_params(recording.channel(name))
-    unit = recording.units[recording.index(name)]
-    return ChannelTuning(name, unit, float(start.q), float(start.r), None, None, "starting values")
+    """The filter that `find_parameters` finds in one channel; of the last of many channels a harmless one."""
+    if recording.index(name) < MOST_CHANNELS:
+        return _first_answer(recording, name)
+    r = noise_scale(recording.channel(name))
+    return ChannelTuning(name, recording.units[recording.index(name)], r, r, how=NOT_FITTED)
+
+
+def with_first_answer(state: State) -> State:
+    """The state with the filter of the channel on screen found, where that was left for later."""
+    if state.settings.starts[state.index].how != NOT_FITTED:
+        return state
+    start, settings = _first_answer(state.recording, state.channel), state.settings
+
+    def found(each: tuple[ChannelTuning, ...]) -> tuple[ChannelTuning, ...]:
+        return tuple(start if one.name == start.name and one.how == NOT_FITTED else one for one in each)
+
+    return state.with_settings(starts=found(settings.starts), tunings=found(settings.tunings))
+
+
+def _first_answer(recording: Recording, name: str) -> ChannelTuning:
+    """The filter that `find_parameters` finds in one channel, in the middle of a long one."""
+    most = MOST_FITTED // min(len(recording.names), MOST_CHANNELS)
+    first = max((len(recording) - most) // 2, 0)
+    part = slice(first, first + most)
+    dt = recording.steps()[part] if recording.gaps == "dt" else None
+    found = find_parameters(recording.channel(name)[part], dt=dt, sample_period=recording.sample_period)
+    assert found.params is not None
+    return ChannelTuning.of_params(name, recording.units[recording.index(name)], found.params, found.how)
 
 
 def opened_with(recording: Recording, tuning: Tuning) -> State:

@@ -31,6 +31,12 @@ STATUSES: dict[str, tuple[str, Tone, str]] = {
     "rounded": ("coarse steps", "note", "The readings are rounded more coarsely than their noise, or held."),
     "vague": ("any ratio fits", "note", "The filter fits, and so does any other q/r."),
     "weak": ("hardly filters", "note", "The filter fits, but by this model nearly every change is movement."),
+    "setting": (
+        "no filter needed",
+        "note",
+        "At this rate hardly any noise shows: the medium setting smooths.",
+    ),
+    "slow": ("no movement", "note", "The record shows no movement, so any slow filter fits it."),
     "too_few": ("too few samples", "note", ""),
     "constant": ("constant signal", "note", "The signal is constant: there is nothing to judge the filter by."),
     "start": ("wrong start", "bad", "The filter starts too far from the signal."),
@@ -40,9 +46,9 @@ STATUSES: dict[str, tuple[str, Tone, str]] = {
     "too_fast": ("too fast", "bad", "The filter is too fast for this record: it lets too much noise through."),
     "band": ("wrong band", "bad", ""),
     "as_chosen": ("as chosen", "note", ""),
-    "structure": ("model misfit", "note", "The record holds more than the model describes."),
-    "changes": ("noise changes", "note", "The record changes as it goes on: one pair cannot fit all of it."),
-    "steps": ("signal steps", "note", "The signal steps: no q both follows it and smooths well between the steps."),
+    "structure": ("model misfit", "note", "One filter cannot fit it: the signal has hum, a trend or waves."),
+    "changes": ("noise changes", "note", "One filter cannot fit all of it: the movement or the noise changes."),
+    "steps": ("signal steps", "note", "One filter cannot fit it: the signal steps."),
     "gate": ("gate too narrow", "bad", "The outlier gate rejects more than single outliers."),
     "shape": ("long tails", "note", "Large errors are more frequent than in a normal distribution."),
     "no_pair": ("no result", "bad", ""),
@@ -222,7 +228,7 @@ class Known:
     @property
     def chosen(self) -> str:
         """That there is a goal, as a sentence before others; "" without one."""
-        return f"You chose {self.goal}. " if self.goal else ""
+        return f"You chose {self.goal}. " if self.goal and not self.goal.endswith(" setting") else ""
 
 
 def findings_of(evidence: Evidence, known: Known) -> list[Finding]:
@@ -248,7 +254,7 @@ def findings_of(evidence: Evidence, known: Known) -> list[Finding]:
     great = evidence.change > max(off, GREAT_CHANGE)
     ordered = (
         _start(evidence),
-        _refused_share(evidence),
+        _refused_share(evidence, known),
         size if much_too_wide else None,
         change if great else spikes,
         None if great else _jumps(evidence, known),
@@ -290,9 +296,9 @@ def _start(evidence: Evidence) -> Finding | None:
     return Finding("start", f"{far}: leave x0 and p0 unset, or raise p0", actions.UnsetStart())
 
 
-def _refused_share(evidence: Evidence) -> Finding | None:
+def _refused_share(evidence: Evidence, known: Known) -> Finding | None:
     share = evidence.refused / (evidence.n + evidence.refused)
-    if share <= MAX_REFUSED:
+    if share <= MAX_REFUSED or known.robust:  # that fit has set them aside
         return None
     text = f"the outlier gate rejects {percent(share)} of the samples: too many for outliers, switch it off"
     return Finding("gate", text, actions.SetGate(None))
@@ -465,6 +471,8 @@ def request_in(how: str, r: float) -> Request | None:
     """
     given = any(f"r {origin}" in how for origin in (*TRUSTED, "as given"))
     noise = Noise(r=r) if given and r > 0.0 else Noise()
+    if setting := re.match("the (light|medium|strong|slow) setting", how):
+        return Request(setting=setting[1])
     for pattern, name, unit in _GOALS:
         if goal := pattern.match(how):
             return Request(target={name: unit * float(goal[1])}, noise=noise)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from kalscope.analysis.actions import Action, ChooseFilter, EstimateAgain, GiveNoise, RecordLonger, UseStillStretch
+from kalscope.analysis.actions import ChooseFilter, GiveNoise, RecordLonger, UseStillStretch
 from kalscope.analysis.correction import MIN_SAMPLES
 from kalscope.analysis.diagnostics import Diagnostics
 from kalscope.analysis.findings import (
@@ -153,8 +153,9 @@ def judge(
             is offered.
         unit: of the record, "" where unknown; the step of a sensor that rounds is named in it.
     """
-    if residuals is None:
-        one = _without_pair(estimate)
+    if residuals is None:  # only of several sensors: the message names the sensor, and says what to do
+        headline = "There is no q and r to judge." if estimate is None else estimate.message
+        one = _judgement("no_pair", headline, (NOISE, LAG) if needs_noise(estimate) else ())
     else:
         one = replace(_of_pair(residuals, held_out, estimate, request), residuals=residuals, held_out=held_out)
     step = 0.0 if estimate is None else estimate.resolution
@@ -173,27 +174,10 @@ def needs_noise(estimate: Estimate | None) -> bool:
     return estimate is not None and estimate.verdict in ("no_noise", "flat")
 
 
-def _without_pair(estimate: Estimate | None) -> Judgement:
-    """What to do where the estimate gives no pair, by its verdict."""
-    accept = "choose the lag or the cut-off that you can accept"
-    by_verdict: dict[str, tuple[tuple[str, Action], ...]] = {
-        "no_noise": (("take r from a still stretch or the data sheet", GiveNoise()), (accept, ChooseFilter())),
-        "no_movement": (
-            (f"keep this r and {accept}", ChooseFilter()),
-            ("record while the signal moves", RecordLonger()),
-        ),
-        "too_few": (("record longer", RecordLonger()),),
-        "constant": (("record while the signal moves, or take r from the data sheet", GiveNoise()),),
-        "irregular": (("estimate by maximum likelihood, which takes irregular sampling", EstimateAgain()),),
-    }
-    if estimate is None:
-        headline, advice = "There is no q and r to judge.", ()
-    elif estimate.names:  # the message names the sensor, and says what to do
-        headline, advice = estimate.message, by_verdict["no_noise"] if estimate.verdict == "no_noise" else ()
-    else:
-        headline = f"{estimate.message.split('. ', 1)[0].rstrip('.')}."
-        advice = by_verdict.get(estimate.verdict, ((accept, ChooseFilter()),))
-    return _judgement("no_pair", headline, tuple(Finding("no_pair", *one) for one in advice))
+NOISE = Finding("no_pair", "take r from a still stretch or the data sheet", GiveNoise())
+LAG = Finding("no_pair", CHOOSE, ChooseFilter())
+MOVE = Finding("no_pair", "record while the signal moves", RecordLonger())
+"""What to do where the record shows no noise, or no movement."""
 
 
 def _of_pair(
@@ -207,10 +191,11 @@ def _of_pair(
     known = replace(known, estimated=estimate is not None and not known.goal)
     if held_out is not None and held_out.n < MIN_SAMPLES:
         held_out = None
-    if outliers is not None and outliers[0]:
-        # all there is to say where the filter has to find its way back: most residuals show that
-        text = "leave the first sample out of the record: it is a spike, and the filter takes it for the signal"
-        listed = [Finding("start", text)]
+    if request is not None and request.setting:
+        status = "slow" if request.setting == "slow" else "setting"
+        lost = replace(LAG, text="choose the lag by the movement that you can lose")
+        advice = (LAG, MOVE) if status == "slow" else (lost, NOISE) if needs_noise(estimate) else (lost,)
+        listed = [replace(one, status=status) for one in advice]
     elif estimate is not None and estimate.verdict == "below_resolution":
         listed = [Finding("rounded", "for a smaller r, let the sensor give finer steps")]
     else:

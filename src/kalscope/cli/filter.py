@@ -173,9 +173,9 @@ def filter_command(
     With --fuse, or where --config has a fusion and no --channel is named, the columns are those of the sensors, the
     fused value and its variance.
 
-    --q, --r, --p0, --x0, --gate and --momentum take precedence over --config. Without q and r they are guessed
-    from the signal. With "-" each line on stdin is answered by one line on stdout: empty for a missing sample,
-    which the filter predicts over, and for a comment (# % //), which is not a sample.
+    --q, --r, --p0, --x0, --gate and --momentum take precedence over --config. Without q and r they are those
+    that `kalscope tune` finds. With "-" each line on stdin is answered by one line on stdout: empty for a missing
+    sample, which the filter predicts over, and for a comment (# % //), which is not a sample.
     """
     from kalscope.catalogue import open_source
     from kalscope.common.files import check_new

@@ -45,7 +45,7 @@ from kalscope.common.text import (
 from kalscope.errors import BadSetting
 from kalscope.estimation.fit import estimate
 from kalscope.estimation.fusion import estimate_fusion, listed
-from kalscope.estimation.request import FitResult, Noise, Request, find_parameters, shows_no_noise
+from kalscope.estimation.request import FitResult, Noise, Request, cost_text, find_parameters, shows_no_noise
 from kalscope.estimation.result import Estimate
 from kalscope.estimation.still import find_still_stretch
 from kalscope.filtering.params import FilterParams, scalar
@@ -64,6 +64,9 @@ MAX_NAME = 24
 _WORDS = {"flat": "any ratio fits", "bad_unit": "numbers out of range", "copies": "two sensors move alike"}
 """Verdicts whose code does not explain itself."""
 
+
+USELESS = ("constant", "too_few", "bad_unit")
+"""Reasons of a filter that only passes the signal on."""
 
 CHOSEN = "chosen"
 """The verdict without an estimate: the pair follows from the options."""
@@ -117,6 +120,11 @@ class Answer:
         return None if params is None else steady_state(params.as_single, self.sample_period)
 
     @property
+    def useless(self) -> bool:
+        """Whether there is no filter, or one that only passes the signal on."""
+        return self.result.params is None or self.result.reason in USELESS
+
+    @property
     def verdict(self) -> str:
         """The verdict of the estimate, or "chosen" where the pair needed none."""
         return CHOSEN if self.result.estimate is None else str(self.result.estimate.verdict)
@@ -168,12 +176,12 @@ def answer_for(
     result = replace(result, params=_with_gate(result.params, gate))
     allowed = result.estimate or estimate(z, dt=dt, momentum=0.0, robust=request.robust)
     progress(0.6, "judging the answer")
-    residuals = held_out = None
-    if result.params is not None:
-        residuals = diagnose_run(Run.of_samples(z, result.params, dt), fitted=result.estimate is not None)
-        held_out = _held_out(z, dt, period, request, progress.part(0.7, 1.0))
+    assert result.params is not None
+    fitted = result.estimate is not None and result.reason in ("best_fit", CHOSEN)
+    residuals = diagnose_run(Run.of_samples(z, result.params, dt), fitted=fitted)
+    held_out = _held_out(z, dt, period, result.reason, request, progress.part(0.7, 1.0))
     still = find_still_stretch(z, dt) if needs_noise(result.estimate) else None
-    judgement = judge(residuals, held_out, result.estimate, request, still, unit)
+    judgement = judge(residuals, held_out, result.estimate, result.request, still, unit)
     return Answer(recording, (channel,), unit, request, result, allowed, judgement)
 
 
@@ -188,7 +196,7 @@ def _with_gate(params: FilterParams | None, gate: float | None) -> FilterParams 
 
 
 def _held_out(
-    z: Array, dt: Array | None, period: float | None, request: Request, progress: Progress
+    z: Array, dt: Array | None, period: float | None, reason: str, request: Request, progress: Progress
 ) -> Diagnostics | None:
     """The same question to the first half alone, its answer judged on the second half."""
     half = len(z) // 2
@@ -198,8 +206,9 @@ def _held_out(
     elif shows_no_noise(z[:half]):
         return None
     steps = None if dt is None else dt[:half]
-    params = find_parameters(z[:half], request, dt=steps, sample_period=period, progress=progress).params
-    judged = None if params is None else diagnose_held_out(z, params, dt)
+    found = find_parameters(z[:half], request, dt=steps, sample_period=period, progress=progress)
+    same = found.reason == reason and reason not in USELESS
+    judged = diagnose_held_out(z, found.params, dt) if found.params and same else None
     return judged if judged is not None and judged.n >= MIN_SAMPLES else None
 
 
@@ -329,9 +338,10 @@ def _without(request: Request) -> list[str]:
 
 
 def example(answer: Answer) -> str:
-    """An option that chooses a filter for any record: a lag of five samples where ms suit it, or a gain."""
-    lag = math.nan if answer.sample_period is None else 5e3 * answer.sample_period
-    return f"--lag-ms {lag:.4g}" if 0.01 <= lag < 1e4 else "--gain 0.2"
+    """An option that chooses a filter: the lag of the medium setting, else of five samples, or its gain."""
+    samples = next((one.lag_samples for one in answer.result.costs if one.name == "medium"), 5.0)
+    lag = math.nan if answer.sample_period is None else 1e3 * samples * answer.sample_period
+    return f"--lag-ms {lag:.4g}" if 0.01 <= lag < 1e4 else f"--gain {1.0 / (1.0 + samples):.3g}"
 
 
 # The page: how the file was read, the filter, how sure it is, what to do next; with --details all that is known.
@@ -359,7 +369,9 @@ def reading_lines(recording: Recording) -> list[str]:
 def summary_of(answer: Answer) -> list[str]:
     """The answer in lines of the page."""
     judged = answer.judgement
-    texts = [_filter(answer), *_effect(answer), judged.headline, judged.second_half if answer.fuses else ""]
+    second = judged.second_half if answer.fuses else ""
+    headline = answer.result.message if answer.useless and not answer.fuses else judged.headline
+    texts = [_filter(answer), *_effect(answer), headline, *_costs(answer), second]
     page = [line for text in texts for line in wrapped(text)]
     page += _table(answer) if judged.sensors else []
     return page + [line for text in _next(answer) for line in wrapped(text)]
@@ -398,7 +410,18 @@ def _effect(answer: Answer) -> Iterator[str]:
     bracket = f"; {_allowed(answer)})" if "(" in lag else f" ({_allowed(answer)})"
     noise = f"{decibels(-steady.noise_reduction_db)}{' of their mean' if answer.fuses else ''}"
     overshoot = f"overshoot {percent(steady.overshoot)}" if steady.overshoot else "no overshoot"
-    yield f"lag {lag}{bracket}, noise {noise}, {overshoot}"
+    lost = f", movement lost {percent(answer.result.lost)}" if answer.result.costs else ""
+    yield f"lag {lag}{bracket}, noise {noise}, {overshoot}{lost}"
+
+
+def _costs(answer: Answer) -> Iterator[str]:
+    """What the settings cost, in one line; what the filter loses is with its effect."""
+    named = [one for one in answer.result.costs if one.name]
+    if named:
+        texts = "; ".join(f"{one.name} {cost_text(one, answer.sample_period)}" for one in named)
+        first, *more = texts.replace(" and loses", ", loses").split("; ")
+        brief = [one.replace(" of the noise", "").replace(" of the movement", "") for one in more]
+        yield f"By lag: {'; '.join([first, *brief])}"
 
 
 def _allowed(answer: Answer) -> str:
@@ -407,7 +430,7 @@ def _allowed(answer: Answer) -> str:
         return "while all sensors answer"
     if answer.range.ratio_interval == (0.0, math.inf):
         return "the record allows any"
-    return f"{'the record favours' if answer.verdict == CHOSEN else '95 %:'} {_lags(answer)}"
+    return f"{'95 %:' if answer.result.reason == 'best_fit' else 'the record favours'} {_lags(answer)}"
 
 
 def _lags(answer: Answer) -> str:
@@ -451,7 +474,7 @@ def _units(answer: Answer) -> list[str]:
 def _next(answer: Answer) -> Iterator[str]:
     """What to do, most urgent first: with a filter at least how to save it, without one how to choose it."""
     params, advice = answer.result.params, answer.judgement.findings
-    if params is None and account.warnings(answer.recording):
+    if answer.useless and account.warnings(answer.recording):
         yield "Next: fix how the file is read first; the rest holds for the samples that could be read"
     for one in advice:
         option = option_for(one.action, answer)
@@ -461,10 +484,7 @@ def _next(answer: Answer) -> Iterator[str]:
     about = list(_about_sensors(answer)) if answer.fuses else []
     yield from about
     due = [one for one in advice if one.action or not answer.fuses]  # that a sensor was silent leaves nothing to do
-    if params is None:
-        if not answer.fuses and not any(isinstance(one.action, actions.ChooseFilter) for one in advice):
-            yield f"Next, with {example(answer)}: choose a filter by its lag, its cut-off or its gain"
-    elif not due and not any(text.startswith("Next") for text in about):
+    if params is not None and not due and not any(text.startswith("Next") for text in about):
         nothing = "nothing to correct; " if not advice and answer.verdict in ("ok", CHOSEN) else ""
         fit = answer.result.estimate
         if fit is not None and fit.outliers is not None and fit.outliers.any():
@@ -488,13 +508,25 @@ def _about_sensors(answer: Answer) -> Iterator[str]:
 
 def details_of(answer: Answer) -> Iterator[str]:
     """What the summary leaves out: how the filter was found, what it does, what the record allows, tests."""
-    z, fit, judged = answer.z, answer.range, answer.judgement
+    z, fit, judged, period = answer.z, answer.range, answer.judgement, answer.sample_period
     readings = [f"{count(n)} {name}" for n, name in zip(np.isfinite(z).sum(axis=0), answer.sensors, strict=True)]
     yield f"{count(len(z))} rows, readings: {', '.join(readings)}"
     if answer.result.params is not None:
         yield f"how: {answer.result.how}"
     yield from wrapped(answer.result.message)
     yield from _meaning(answer)
+    if answer.result.costs:
+        yield ""
+        rows = [
+            (
+                each.name,
+                lag_in_full(each.lag_samples, period),
+                percent(each.noise_left),
+                percent(each.movement_lost),
+            )
+            for each in answer.result.costs
+        ]
+        yield from _columns(("setting", "lag (no momentum)", "noise left", "movement lost"), *rows)
     yield ""
     yield from wrapped(f"The record allows (95 %): {_interval(answer)}")
     for i, (name, unit) in enumerate(zip(answer.sensors if answer.fuses else (), _units(answer), strict=False)):
@@ -509,7 +541,7 @@ def details_of(answer: Answer) -> Iterator[str]:
     if judged.residuals is not None:
         yield ""
         yield from _columns(("residuals", "measured", "expected (95 %)"), *residual_rows(judged.residuals))
-        half = judged.second_half or "not possible, one half of the record has too little data"
+        half = judged.second_half or "not possible, the first half alone gives no such filter"
         yield from wrapped(f"Second half, by a filter that has not seen it: {half}")
 
 
@@ -583,6 +615,9 @@ def as_plain(answer: Answer) -> dict[str, Any]:
         "verdict": answer.verdict,
         "message": answer.result.message,
         "how": answer.result.how,
+        "reason": answer.result.reason,
+        "movement_lost": answer.result.lost,
+        "costs": answer.result.costs,
         "steady": answer.steady,
         "judgement": replace(judged, **tests),
         "advice": advice,
@@ -617,9 +652,9 @@ def save_answers(answers: list[Answer], output: Path) -> list[str]:
             for name, unit, r, gain in scales:
                 single = replace(params, q=params.q * gain * gain, r=r, offset=0.0, gain=1.0)
                 tunings.append(ChannelTuning.of_params(name, unit, single, how))
-        elif params is not None:
+        elif not one.useless and params is not None:
             tunings.append(ChannelTuning.of_params(one.name, one.unit, params, how))
-    without = "; ".join(f"{one.name}: {one.verdict_words}" for one in answers if one.result.params is None)
+    without = "; ".join(f"{one.name}: {one.verdict_words}" for one in answers if one.useless)
     if not tunings:
         lost = "".join(f"{sentence}. " for sentence in account.warnings(recording))
         advice = (

@@ -157,6 +157,11 @@ def squared(unit: str) -> str:
     return f"{unit}²" if re.fullmatch(r"[^\W\d_]+|°C|°F|%", unit) else f"({unit})²"
 
 
+def first_sentence(text: str) -> str:
+    """The text up to its first full stop, without it."""
+    return text.split(". ", 1)[0].rstrip(".")
+
+
 def one_line(text: str) -> str:
     """Text from outside on one line, every unprintable character a space."""
     return " ".join("".join(c if c.isprintable() else " " for c in text).split())

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from kalscope.common.numbers import Array, above_zero
 from kalscope.common.text import number, plural
 from kalscope.errors import BadSetting
-from kalscope.filtering.params import MAX_VARIANCE, FilterParams, samples_of
+from kalscope.filtering.params import MAX_VARIANCE, samples_of
 
 # The noise variance r from what is known of the sensor: a still stretch, or its data sheet.
 
@@ -193,7 +193,7 @@ def _share_on_grid(step: float, levels: Array, counts: Array) -> float:
     return float(counts[off <= _TOLERANCE].sum() / counts.sum())
 
 
-# Starting values for tuning: a first guess of q and r from the samples.
+# The size of the noise where no estimate gives it: what a band or a harmless filter needs.
 
 
 EVEN = 1e-9
@@ -204,12 +204,11 @@ ROUNDING = 1e-15
 """Steps, relative to the largest sample, whose difference is smaller differ only by rounding."""
 
 
-def starting_params(z: ArrayLike) -> FilterParams:
-    """The starting values for the samples z, shape (n,), NaN where missing: r = var(Δz)/2, q = r/100.
+def noise_scale(z: ArrayLike) -> float:
+    """A variance in the unit of the samples z, shape (n,), NaN where missing: var(Δz)/2, that of white noise alone.
 
-    White noise alone gives var(Δz) = 2r; the ratio 100 is the advice of Ma'arif et al. (2019), section 4. An
-    even ramp, such as a counter, shows no noise: r is then (Δz)²/2, because var(Δz) is only rounding. Nor does a
-    constant signal: r is then (|z|/1000)², or 1 where z is 0.
+    An even ramp, such as a counter, shows no noise: it is then (Δz)²/2, because var(Δz) is only rounding. Nor does
+    a constant signal: it is then (|z|/1000)², or 1 where z is 0.
     """
     finite = samples_of(z)
     finite = finite[np.isfinite(finite)]
@@ -221,8 +220,7 @@ def starting_params(z: ArrayLike) -> FilterParams:
         half_variance = 0.0 if even and half_variance < ROUNDING**2 else half_variance
     scale = size or 1.0
     r = (half_variance or (1e-6 if size > 0.0 else 1.0)) * scale * scale
-    r = min(max(r, 1e-290), MAX_VARIANCE)
-    return FilterParams(q=r / 100.0, r=r)
+    return min(max(r, 1e-290), MAX_VARIANCE)
 
 
 def is_even_ramp(z: Array) -> bool:

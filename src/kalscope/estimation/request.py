@@ -7,14 +7,26 @@ a number) fixes r; what is left is estimated from the record.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from kalscope.common.numbers import Array, above_zero
 from kalscope.common.progress import Progress
-from kalscope.common.text import count, goal_delay, lag_in_full, lag_text, number, plural, trimmed
+from kalscope.common.text import (
+    count,
+    frequency,
+    gate_text,
+    goal_delay,
+    lag_in_full,
+    lag_text,
+    number,
+    percent,
+    plural,
+    trimmed,
+)
 from kalscope.errors import BadSetting
 from kalscope.estimation.fit import (
     checked_momentum,
@@ -24,11 +36,22 @@ from kalscope.estimation.fit import (
     params_for_specification,
 )
 from kalscope.estimation.methods import METHODS
-from kalscope.estimation.noise import is_even_ramp, noise_from_datasheet, noise_from_still, starting_params
+from kalscope.estimation.noise import is_even_ramp, noise_from_datasheet, noise_from_still, noise_scale
 from kalscope.estimation.result import Estimate
+from kalscope.estimation.settings import (
+    Cost,
+    code_in,
+    cost_curve,
+    movement_lost,
+    movement_of,
+    noise_left,
+    params_at,
+    with_gate_and_start,
+    with_matching_r,
+)
 from kalscope.estimation.still import MIN_SAMPLES, find_still_stretch
-from kalscope.filtering.params import MAX_VARIANCE, FilterParams
-from kalscope.filtering.steady import steady_state
+from kalscope.filtering.params import MAX_VARIANCE, FilterParams, one_record
+from kalscope.filtering.steady import ratio_for, steady_state
 
 TARGETS = ("lag_s", "lag_samples", "cutoff_hz", "noise_reduction_db", "gain")
 """What can fix λ, as `ratio_for` names it."""
@@ -38,6 +61,13 @@ MIN_LAG = 0.01
 
 MIN_SLOWEST = 1000
 """Samples of lag that a goal may have in any record: a live one has only begun."""
+
+HARDLY = 0.8
+"""Share of the noise from which a filter hardly filters: its curve looks like the raw one."""
+
+SLOW = 0.01
+"""q/r where the record shows no movement, so that any slow filter fits: a lag of 9.5 samples; with q = 0 the filter
+would stop following. The advice of Ma'arif et al. (2019), section 4."""
 
 
 @dataclass(frozen=True)
@@ -106,10 +136,15 @@ class Request:
     """Share of a step that the target may cost; the momentum follows from both."""
     robust: bool | Literal["auto"] = "auto"
     """Whether spikes are set aside, as `estimate` takes it."""
+    setting: str = ""
+    """Of an answer: "light", "medium" or "strong" where the record shows hardly any noise, "slow" where it shows no
+    movement; "" where q and r were estimated or asked for."""
 
     @property
     def goal(self) -> str:
         """What was chosen and fixes λ, such as "a lag of 50 ms"; "" = nothing: λ is estimated."""
+        if self.setting:
+            return f"the {self.setting} setting"
         if self.target:
             return _target_text(*next(iter(self.target.items())), self.overshoot)
         return "" if self.ratio is None else f"q/r = {trimmed(self.ratio, 4)}"
@@ -146,10 +181,10 @@ class Request:
 
 @dataclass(frozen=True)
 class FitResult:
-    """The result of `find_parameters`, with or without parameters."""
+    """The result of `find_parameters`."""
 
     params: FilterParams | None
-    """What to use; None where there is none: `message` then says what to do instead."""
+    """What to use; None only of several sensors: `message` then says what to do instead."""
     how: str
     """How it was found, in a few words, for the tuning file."""
     message: str
@@ -158,6 +193,13 @@ class FitResult:
     """The estimate behind it, if any."""
     request: Request | None = None
     """The goal that it was chosen for; None where that is not known."""
+    reason: str = "chosen"
+    """Why this filter: "chosen" by the request, "best_fit", a setting of `Request`, or the verdict of an estimate
+    without a filter, such as "constant" or "too_few": then the filter is harmless."""
+    lost: float = 0.0
+    """The share of the movement that the filter loses, as `movement_lost` measures it; 0 where there is a goal."""
+    costs: tuple[Cost, ...] = ()
+    """What each lag leaves of the noise and loses of the movement; () where there is a goal, or no movement."""
 
 
 def find_parameters(
@@ -169,7 +211,10 @@ def find_parameters(
     progress: Callable[[float, str], None] | None = None,
     cancelled: Callable[[], bool] | None = None,
 ) -> FitResult:
-    """Find q, r and momentum of one channel.
+    """Find q, r and momentum of one channel: the one function that decides which filter a record gets.
+
+    Without a goal that is the best fit. Where this hardly filters it is the medium of three settings, and where the
+    record shows no movement or is too short, a harmless filter: `reason` says which, `message` why.
 
     Args:
         z: measurements, shape (n,); NaN is a missing sample.
@@ -183,32 +228,151 @@ def find_parameters(
         BadSetting: the request contradicts itself, or is out of range or reach.
         Cancelled: `cancelled()` was true.
     """
-    request = request or Request()
+    request = replace(request or Request(), setting="")  # of an earlier answer
     tau, known, ratio = request.checked_momentum(), request.noise.resolve(z, dt), request.ratio
     if not request.goal:
-        if known is not None:
-            return _fit_q(z, dt, *known, request)
-        answer = estimate(z, request.method, dt, progress, cancelled, request.momentum, request.robust)
-        return FitResult(answer.params, METHODS[request.method], answer.message, answer, request)
+        if known is None:
+            begun = _fitted(z, dt, request, progress, cancelled)
+        else:
+            one = estimate_fixed_r(z, known[0], dt, request.robust)
+            how = f"r {request.noise.origin}, q by maximum likelihood"
+            begun = FitResult(one.params, how, known[1], one, request)
+        return _answer(z, dt, sample_period, begun)
     origin = f", r {request.noise.origin}" if known else ""
     if ratio is None:
-        r, text = known or _noise_for_target(z, dt, request, Progress(progress, cancelled))
         params = params_for_specification(
-            r, **request.target, sample_period=sample_period, momentum=tau or 0.0, overshoot=request.overshoot
+            known[0] if known else 1.0,
+            **request.target,
+            sample_period=sample_period,
+            momentum=tau or 0.0,
+            overshoot=request.overshoot,
         )
+        text = known[1] if known else ""
+        if not known:
+            params, text = _with_noise(params, z, dt, request, Progress(progress, cancelled))
         keeps = f" with a momentum of {plural(params.momentum, 'sample')}" if params.momentum else ""
         text = f"q/r = {number(params.ratio, 4)}{keeps} has {request.goal}. {text}"
         result = FitResult(params, f"{request.goal}{origin}", text, request=request)
-    elif known:
-        params, text = FilterParams(q=ratio * known[0], r=known[0]), f"q = {ratio:g} · r. {known[1]}"
-        result = FitResult(params, f"q/r = {ratio:g}{origin}", text, request=request)
     else:
-        answer = estimate_fixed_ratio(z, ratio, dt, request.robust)
-        how = f"q/r = {ratio:g}, r by maximum likelihood"
-        result = FitResult(answer.params, how, answer.message, answer, request)
+        if known:
+            params, text, one = FilterParams(q=ratio * known[0], r=known[0]), f"q = {ratio:g} · r. {known[1]}", None
+            how = f"q/r = {ratio:g}{origin}"
+        else:
+            one = estimate_fixed_ratio(z, ratio, dt, request.robust)
+            params, how, text = one.params, f"q/r = {ratio:g}, r by maximum likelihood", one.message
+            params = params or FilterParams(q=ratio * (r := noise_scale(z)), r=r)
+        result = FitResult(params, how, text, one, request)
     if result.params is not None:
         _check_lag(result.params, len(z), sample_period)
     return result
+
+
+def starting_params(z: ArrayLike, dt: ArrayLike | None = None) -> FilterParams:
+    """The filter to begin with, of `find_parameters`: usable for every record z, shape (n,), NaN where missing.
+
+    Args:
+        z: measurements, shape (n,).
+        dt: nominal sample periods before each sample, shape (n,); None = 1 each.
+
+    Raises:
+        BadSetting: z holds inf or has another shape; dt does not fit z.
+    """
+    samples, steps = one_record(z, dt)
+    params = find_parameters(samples, dt=None if dt is None else steps).params
+    assert params is not None
+    return params
+
+
+def proposed_lag(result: FitResult, present: FilterParams) -> float:
+    """The lag in samples to propose as a goal: of the medium setting, and never slower than the present filter."""
+    lags = [one.lag_samples for one in result.costs if one.name == "medium"]
+    return min([*lags, steady_state(present).lag_samples])
+
+
+def _fitted(
+    z: Array,
+    dt: Array | None,
+    request: Request,
+    progress: Callable[[float, str], None] | None,
+    cancelled: Callable[[], bool] | None,
+) -> FitResult:
+    """The estimate by the method asked for; a code for a missing reading is left out of it."""
+    code = code_in(z) if request.method == "ml" and request.robust == "auto" else None
+    coded, note = z == code, ""
+    kept = z if code is None else np.where(coded, np.nan, z)
+    one = estimate(kept, request.method, dt, progress, cancelled, request.momentum, request.robust)
+    if code is not None:
+        one = replace(one, outliers=coded if one.outliers is None else one.outliers | coded)
+        note = f"{code:.6g} came {count(int(coded.sum()))} times, far from the rest, and is left out of the fit."
+    return FitResult(one.params, METHODS[request.method], note, one, request)
+
+
+def _answer(z: Array, dt: Array | None, period: float | None, begun: FitResult) -> FitResult:
+    """The filter of an estimate, and why: the best fit, a setting, or a harmless filter."""
+    one, request = begun.estimate, begun.request
+    assert one is not None
+    assert request is not None
+    movement = movement_of(z, dt, one)
+    costs = cost_curve(movement, dt)
+    pair, medium = one.params, next((each for each in costs if each.name == "medium"), None)
+    if pair is None and one.verdict == "too_many_outliers" and one.q > 0.0 and one.r > 0.0:
+        pair = FilterParams(q=one.q, r=one.r, momentum=float(one.momentum))
+    given = request.noise != Noise()
+    decided = given or request.method != "ml" or request.momentum != "auto"
+    r = float(one.r) if one.r > 0.0 else noise_scale(z)
+    if pair is not None and (decided or pair.gate is not None or noise_left(pair) < HARDLY):
+        reason, params, text = "best_fit", pair, one.message
+    elif medium is not None and not given:
+        kept = z if one.outliers is None else np.where(one.outliers, np.nan, z)
+        reason, params, text = "medium", params_at(medium.lag_samples, kept, dt), _setting_text(costs, period)
+    elif one.verdict == "no_movement":
+        reason, params, text = "slow", FilterParams(q=SLOW * r, r=r), _SLOW_TEXT.format(number(r, 4))
+    else:
+        reason, params = one.verdict, FilterParams(q=r, r=r)
+        text = f"{one.message} Until then q = r: the filter follows within a sample."
+    name = reason if reason in ("medium", "slow") else ""
+    how = f"the {name} setting, q/r = {number(params.ratio, 4)}" if name else begun.how
+    params, before = with_gate_and_start(z, dt, params, one, movement), params.gate
+    if params.gate != before:
+        gate = "No gate" if params.gate is None else f"A gate of {gate_text(params.gate)}"
+        text = f"{text} {gate} leaves less error here, and is used."
+    return replace(
+        begun,
+        params=params,
+        how=how if name or reason == "best_fit" else f"no fit ({one.verdict.replace('_', ' ')}), q = r",
+        message=f"{begun.message} {text}".strip(),
+        request=replace(request, setting=name),
+        reason=reason,
+        lost=movement_lost(movement, replace(params, p0=None, x0=None), dt),
+        costs=costs,
+    )
+
+
+_SLOW_TEXT = (
+    "This record shows no movement: noise of variance {} around a constant explains it, so any slow filter fits. "
+    "q = r/100 is used, a lag of 9.5 samples. Record while the signal moves, or choose the lag that you can accept."
+)
+
+
+def _setting_text(costs: tuple[Cost, ...], period: float | None) -> str:
+    """Why the medium setting is used, and what each of the three does."""
+    named = [one for one in costs if one.name]
+    each = ", ".join(f"{one.name} {cost_text(one, period)}" for one in named)
+    slow = next(one for one in named if one.name == "medium")
+    hertz = steady_state(FilterParams(q=ratio_for(lag_samples=slow.lag_samples), r=1.0), period or 1.0).cutoff_hz
+    faster = f" It keeps movement slower than {frequency(hertz)}." if period and hertz and hertz > 0.0 else ""
+    return (
+        "At this sample rate the readings show hardly any noise that a filter could remove without losing "
+        f"movement. The medium setting is used.{faster} Choose by what it costs: {each}."
+    )
+
+
+def cost_text(one: Cost, period: float | None) -> str:
+    """What a lag costs: "12 ms leaves 48 % of the noise and loses 10 % of the movement"."""
+    return (
+        f"{lag_text(one.lag_samples, period)} leaves {percent(one.noise_left)} of the noise and loses "
+        f"{percent(one.movement_lost)} of the movement"
+    )
 
 
 def _check_lag(params: FilterParams, samples: int, sample_period: float | None) -> None:
@@ -224,35 +388,27 @@ def _check_lag(params: FilterParams, samples: int, sample_period: float | None) 
         )
 
 
-def _fit_q(z: Array, dt: Array | None, r: float, origin: str, request: Request) -> FitResult:
-    """The pair where r is known; with a special message where that r explains all changes."""
-    answer = estimate_fixed_r(z, r, dt, request.robust)
-    message = answer.message
-    if answer.verdict == "no_movement":
-        message = (
-            f"Noise of variance {number(r, 4)} explains all changes in this record, so q would be 0, and such a "
-            "filter stops following after a while. Instead: check that r is not too large, record while the signal "
-            "moves, or choose the lag or the cut-off that you can accept."
-        )
-    how = f"r {request.noise.origin}, q by maximum likelihood"
-    return FitResult(answer.params, how, f"{origin} {message}", answer, request)
-
-
-def _noise_for_target(z: Array, dt: Array | None, request: Request, progress: Progress) -> tuple[float, str]:
-    """A value for r and its origin where only λ is given: that of the likelihood, or var(Δz)/2."""
+def _with_noise(
+    params: FilterParams, z: Array, dt: Array | None, request: Request, progress: Progress
+) -> tuple[FilterParams, str]:
+    """The filter of r = 1 with an r of this record, and where that is from: the likelihood, or its errors."""
     band = "it sets the width of the band, not the curve."
-    answer = estimate(z, "ml", dt, progress, momentum=0.0, robust=request.robust)
-    if answer.r > 0.0:  # valid at the edge q = 0 too
-        spikes = sum(map(len, answer.spikes))
+    one = estimate(z, "ml", dt, progress, momentum=0.0, robust=request.robust)
+    if one.r > 0.0:  # valid at the edge q = 0 too
+        spikes = sum(map(len, one.spikes))
         gate = (
             f" {plural(spikes, 'spike')} set aside for it. A goal sets no outlier gate, because with a chosen "
             "filter it could refuse movement."
         )
-        return answer.r, f"r by maximum likelihood; {band}{gate if spikes else ''}"
-    r = float(starting_params(z).r)
+        scaled = replace(params, q=params.q * one.r, r=float(one.r))
+        return scaled, f"r by maximum likelihood; {band}{gate if spikes else ''}"
     if shows_no_noise(z):
-        return r, f"r = {number(r, 4)} is only a placeholder, because the record shows no noise; {band}"
-    return r, f"r = var(Δz)/2, because the record allows no better estimate; {band}"
+        r = noise_scale(z)
+        text = f"r = {number(r, 4)} is only a placeholder, because the record shows no noise; {band}"
+        return replace(params, q=params.q * r, r=r), text
+    return with_matching_r(
+        params, z, dt
+    ), f"r is that of the errors of this filter, because the fit finds none; {band}"
 
 
 def shows_no_noise(z: Array) -> bool:

@@ -17,8 +17,9 @@ import numpy as np
 
 from kalscope.analysis.channel_kinds import default_channel
 from kalscope.common.numbers import Array, Indices, Mask
-from kalscope.common.text import program
+from kalscope.common.text import first_sentence, program
 from kalscope.errors import BadFile, BadSetting, KalscopeError, describe
+from kalscope.estimation.fit import estimate
 from kalscope.estimation.many import Series, estimate_many, fitted_ratios, pair_intervals, series_of
 from kalscope.estimation.pool import Pool, held_out, loss_inputs, pool_of
 from kalscope.estimation.request import Request, find_parameters
@@ -182,16 +183,18 @@ def _fit(recording: Recording, row: Row, options: FleetOptions) -> tuple[Row, Po
     z, dt = recording.channel(row.channel), recording.steps() if recording.gaps == "dt" else None
     options.check_period(recording.sample_period)
     result = find_parameters(z, options.request, dt=dt, sample_period=recording.sample_period)
-    estimate, params = result.estimate, result.params
-    outliers = None if estimate is None else estimate.outliers
+    found = result.estimate
+    params = result.params if found is None else found.params  # a setting is not what this recording shows
+    outliers = None if found is None else found.outliers
     many = series_of([z if outliers is None else np.where(outliers, np.nan, z)], None if dt is None else [dt])
-    row = replace(row, verdict=CHOSEN if estimate is None else str(estimate.verdict))
+    row = replace(row, verdict=CHOSEN if found is None else str(found.verdict))
     if params is None:
-        return replace(row, reason=first_sentence(result.message)), pool_of(many)
+        message = result.message if found is None else found.message
+        return replace(row, reason=first_sentence(message)), pool_of(many)
     ratio, tau = fitted_ratios(many, many.starts[1:]), 0.0
-    if estimate is not None:
+    if found is not None:
         ratio, tau = np.array([params.q / float(params.r)]), params.momentum
-        q_low, q_high, r_low, r_high = pair_intervals(estimate, z, np.empty(0) if dt is None else dt)
+        q_low, q_high, r_low, r_high = pair_intervals(found, z, np.empty(0) if dt is None else dt)
         spikes = 0 if outliers is None else int(np.count_nonzero(outliers))
         row = replace(row, q_low=q_low, q_high=q_high, r_low=r_low, r_high=r_high, spikes=spikes)
     growth = held_out(many, momentum=np.array([tau > 0.0]))
@@ -207,11 +210,6 @@ def _fit(recording: Recording, row: Row, options: FleetOptions) -> tuple[Row, Po
         loss_inputs=loss_inputs(ratio, np.array([tau]), growth).astype("<f4").tobytes(),
     )
     return row, pool_of(many)
-
-
-def first_sentence(text: str) -> str:
-    """The text up to its first full stop, without it."""
-    return text.split(". ", 1)[0].rstrip(".")
 
 
 def fit_block(block: Block, options: FleetOptions) -> Fitted:
@@ -273,6 +271,6 @@ def _fit_plain(block: Block, steps: Array, chosen: Indices, options: FleetOption
             known |= {"momentum": 0.0, "gate": gate, "spikes": int(table.spikes[i])}
             known["loss_inputs"] = inputs[i].tobytes()
         else:
-            known["reason"] = first_sentence(find_parameters(many.one(i)[0], request).message)
+            known["reason"] = first_sentence(estimate(many.one(i)[0], robust=request.robust).message)
         rows.append(Row(block.ids[place], channel, unit, verdict=verdict, seconds=seconds, **known))
     return Fitted(rows, pool)

@@ -8,10 +8,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from kalscope.common.numbers import Array
-from kalscope.common.text import unused_name
+from kalscope.common.text import first_sentence, unused_name
 from kalscope.errors import BadSetting
-from kalscope.estimation.noise import starting_params
+from kalscope.estimation.request import Noise, Request, find_parameters
 from kalscope.filtering.classic import Chain
 from kalscope.recording import Recording
 from kalscope.tuning.file import load_tuning
@@ -94,7 +93,7 @@ def _channel(names: Sequence[str], text: str, refusal: str) -> str:
     raise BadSetting(refusal)
 
 
-# Which filter a command runs: its options, the tuning file, or a guess from the signal, in this order.
+# Which filter a command runs: its options, the tuning file, or what the signal determines, in this order.
 
 
 Given = dict[str, Any]
@@ -157,7 +156,7 @@ def filters_for(
         pairs, notes = adapt_tuning(recording, tuning, given, channel)
         return [_overridden(replace(entry, name=name), given) for name, entry in pairs.items()], notes
     names = recording.names if channel is None else (channel,)
-    chosen = [_untuned(name, given, recording.channel(name)) for name in names]
+    chosen = [_untuned(name, given, recording) for name in names]
     return [used for used, _ in chosen], [note for _, note in chosen if note]
 
 
@@ -196,18 +195,26 @@ def _overridden(entry: ChannelTuning, given: Given) -> ChannelTuning:
     return replace(entry, **values)
 
 
-def _untuned(name: str, given: Given, z: Array | None) -> tuple[ChannelTuning, str]:
-    """The filter as given, with a guess where q or r is missing and has an effect; and a note on that."""
+def _untuned(name: str, given: Given, recording: Recording | None) -> tuple[ChannelTuning, str]:
+    """The filter as given, with what the signal determines where q or r is missing and matters; and a note."""
     values, note, chain = dict(given), "", given.get("chain")
     if not {"q", "r"} <= set(given) and not (isinstance(chain, Chain) and chain.then is not None):
-        if z is None:
+        if recording is None:
             raise BadSetting('filtering "-" must begin with q and r: give --config, or --q and --r')
-        values.setdefault("r", starting_params(z).r)
-        values.setdefault("q", values["r"] / 100.0)
-        note = (
-            f"{name}: q = {values['q']:.6g}, r = {values['r']:.6g}; values not given are the starting values"
-            " r = var(Δz)/2, q = r/100"
+        momentum = given.get("momentum", "auto")
+        found = find_parameters(
+            recording.channel(name),
+            Request(noise=Noise(r=given["r"])) if "r" in given else Request(momentum=momentum),
+            dt=recording.steps() if recording.gaps == "dt" else None,
+            sample_period=recording.sample_period,
         )
+        one = found.params
+        assert one is not None
+        r = float(one.r) * (given["q"] / one.q if "q" in given else 1.0)
+        start = {} if {"p0", "x0"} & set(given) else {"p0": one.p0, "x0": one.x0}
+        values = {"q": one.q, "r": r, "momentum": one.momentum, "gate": one.gate} | start | given
+        why = "the best fit" if found.reason == "best_fit" else first_sentence(found.message)
+        note = f"{name}: q = {values['q']:.6g}, r = {values['r']:.6g}: {why}; kalscope tune says more"
     return _overridden(ChannelTuning(name, "", 1.0, 1.0), values), note
 
 

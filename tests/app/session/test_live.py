@@ -11,7 +11,7 @@ import pytest
 from feed import Board
 from waiting import PATIENCE, wait_until
 
-from kalscope import BadSetting, Recording, kalman_filter
+from kalscope import BadSetting, Recording, kalman_filter, starting_params
 from kalscope.filtering.classic import Chain, OneEuro
 from kalscope.tuning.tuning import ChannelTuning, Tuning
 from kalscope_app.engine.engine import Engine, Part
@@ -88,7 +88,7 @@ def test_a_topic_that_is_new_later_is_measured_by_itself_and_the_record_goes_on(
     board.names, board.values, board.generation = ("a", "b", "late"), np.column_stack([board.values, late]), 1
     state = refreshed(state, board.snapshot())
     assert (len(state.recording), state.channel, state.tuning.r) == (500 + START_SAMPLES, "a", 9.0)
-    assert state.settings.starts[2].r == pytest.approx(np.var(np.diff(late[500:])) / 2, rel=0.05)
+    assert state.settings.starts[2].params == starting_params(late[500:])
     assert state.settings.tunings[:2] == before.settings.tunings
 
 

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from kalscope import BadSetting, Recording, read_recording
+from kalscope import BadSetting, Recording, read_recording, starting_params
 from kalscope.tuning.tuning import ChannelTuning, Tuning
 from kalscope_app.session.changes import (
     reset_parameters,
@@ -41,6 +41,18 @@ def apply(state, *changes):
     for change in changes:
         state = change(state)
     return state
+
+
+def test_a_new_recording_starts_with_its_first_answer(state):
+    assert state.params == starting_params(state.recording.channel("a"))
+    wide = opened(recording(names=tuple(map(str, range(40)))))
+    late = select_channel("39")(wide)
+    assert (
+        late.params
+        == late.start.params
+        == starting_params(wide.recording.channel("39"))
+        != wide.settings.starts[39].params
+    )
 
 
 @pytest.mark.parametrize("scale", [1e-9, 1.0, 1e9])

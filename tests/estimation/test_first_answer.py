@@ -1,0 +1,135 @@
+"""The first answer: on signals with truth it is the best fixed filter, and every record gets a usable one."""
+
+from __future__ import annotations
+
+import cmath
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from each import each
+
+from kalscope import FilterParams, denoise, starting_params, steady_state
+from kalscope.estimation.request import HARDLY, find_parameters, proposed_lag
+from kalscope.estimation.settings import movement_lost, noise_left
+
+N, PERIOD = 2000, 0.02
+TIME = PERIOD * np.arange(N)
+
+
+def bends(rng):
+    """Fingers that bend: a smooth rise or fall a second, as in the demo."""
+    truth = np.full(N, 400.0)
+    for start in np.arange(0.9, TIME[-1] - 0.5, 1.0) + rng.uniform(-0.25, 0.25, 39):
+        progress = np.clip((TIME - start) / rng.uniform(0.3, 0.5), 0.0, 1.0)
+        truth += (rng.choice(np.arange(370, 710, 20)) - truth[-1]) * progress**2 * (3.0 - 2.0 * progress)
+    return truth
+
+
+def levels(rng):
+    return np.repeat(rng.normal(0.0, 50.0, N // 100), 100)
+
+
+SIGNALS = {  # the movement, and the standard deviation of the noise
+    "demo": (bends, 17.0),
+    "sine": (lambda rng: 100.0 * np.sin(np.pi * TIME + rng.uniform(0.0, 6.0)), 10.0),
+    "waves": (lambda rng: np.cumsum(np.repeat(rng.normal(0.0, 8.0, 40), 50)) + 60.0 * np.sin(2.5 * TIME), 17.0),
+    "steps": (levels, 10.0),
+    "ramps": (lambda rng: np.convolve(levels(rng), np.ones(25) / 25.0, "same"), 10.0),
+    "random walk": (lambda rng: np.cumsum(rng.normal(0.0, 1.0, N)), 3.0),
+    "slow temperature": (lambda rng: 20.0 + np.cumsum(rng.normal(0.0, 0.01, N)), 0.3),
+}
+
+
+def rms(errors):
+    return math.sqrt(float(np.mean(errors * errors)))
+
+
+@each("name", SIGNALS)
+def test_with_noise_it_is_as_good_as_the_best_fixed_q_r_and_momentum(name):
+    """The best is searched with the truth, on a grid that is fine enough for 1 %."""
+    against_best = []
+    for seed in range(3):
+        rng = np.random.default_rng([seed, list(SIGNALS).index(name)])
+        movement, noise = SIGNALS[name]
+        truth = movement(rng)
+        z = truth + rng.normal(0.0, noise, N)
+
+        def error(params, z=z, truth=truth):
+            return rms(denoise(z, params) - truth)
+
+        grid = [(ratio, tau) for ratio in np.geomspace(1e-6, 100.0, 33) for tau in (0.0, 3.0, 10.0, 30.0, 100.0)]
+        best = min(error(FilterParams(ratio, 1.0, momentum=tau)) for ratio, tau in grid)
+        found = find_parameters(z)
+        assert found.reason == "best_fit"
+        assert error(found.params) <= rms(z - truth)
+        against_best.append(error(found.params) / best)
+    assert np.median(against_best) <= 1.05
+
+
+WALK = np.cumsum(np.random.default_rng(3).normal(size=500))
+RECORDS = {
+    "best_fit": WALK + np.random.default_rng(4).normal(0.0, 3.0, 500),
+    "medium": np.sin(np.arange(3000) / 9.0),  # nothing but movement
+    "slow": np.random.default_rng(1).normal(size=300),
+    "constant": np.full(50, 4.0),
+    "too_few": np.array([1.0, 2.0, math.nan, 9.0]),  # the last is no code
+    "bad_unit": np.resize([1e200, -1e200], 60),
+}
+
+
+@each("reason", RECORDS)
+def test_every_record_has_a_filter_and_its_reason(reason):
+    z = RECORDS[reason]
+    found = find_parameters(z, sample_period=PERIOD)
+    assert (found.reason, found.message[-1], "came" in found.message) == (reason, ".", False)
+    assert min(found.params.q, found.params.r) > 0.0
+    assert noise_left(found.params) < HARDLY
+    assert np.isfinite(denoise(z, found.params)).sum() >= np.isfinite(z).sum()
+    assert starting_params(z) == found.params
+
+
+@each("z", [[], [math.nan] * 5, [0.0] * 9, [5e-324] * 3, [1e200, -1e200, 1e200]])
+def test_so_has_what_is_hardly_a_record(z):
+    params = starting_params(z)
+    assert min(params.q, params.r) > 0.0
+
+
+def test_movement_lost_is_one_minus_the_response_of_the_filter():
+    params, turn = FilterParams(0.2, 1.0), 2.0 * math.pi / 40.0
+    gain = steady_state(params).gain
+    lost = abs(1.0 - gain / (1.0 - (1.0 - gain) * cmath.exp(-1j * turn)))
+    assert movement_lost(np.sin(turn * np.arange(20_000)), params, None) == pytest.approx(lost, rel=2e-3)
+
+
+def test_the_settings_lose_what_they_say_and_a_lag_is_proposed_that_is_not_slower_than_the_present():
+    found = find_parameters(RECORDS["medium"], sample_period=PERIOD)
+    named = {one.name: one for one in found.costs if one.name}
+    assert [one.movement_lost for one in named.values()] == pytest.approx([0.05, 0.1, 0.2], rel=0.02)
+    assert list(named) == ["light", "medium", "strong"]
+    for one, later in zip(found.costs, found.costs[1:], strict=False):
+        assert one.lag_samples < later.lag_samples
+        assert one.noise_left > later.noise_left
+    assert steady_state(found.params).lag_samples == pytest.approx(named["medium"].lag_samples)
+    assert found.lost == pytest.approx(0.1, rel=0.02)
+    for ratio in (1e-4, 1e4):
+        present = FilterParams(ratio, 1.0)
+        assert proposed_lag(found, present) <= steady_state(present).lag_samples
+
+
+def test_a_code_for_no_echo_neither_starts_nor_moves_the_filter_and_a_step_is_followed_at_once():
+    """As of an ultrasonic sensor: 400 is out of range; the distance falls from 100 to 10."""
+    rng = np.random.default_rng(8)
+    truth = np.repeat([100.0, 10.0], [40, 80])
+    z = truth + rng.normal(0.0, 3.0, 120)
+    coded = rng.random(120) < 0.2
+    coded[[0, 40, 41, 42]] = True, False, False, False
+    z[coded] = 400.0
+    found = find_parameters(z)
+    x = denoise(z, found.params)
+    assert x[0] == pytest.approx(100.0, abs=10.0)
+    assert x[42] == pytest.approx(10.0, abs=10.0)
+    assert "400 came" in found.message
+    only = replace(found.estimate.params, gate=16.0)
+    assert rms(x - truth) < 0.5 * rms(denoise(z, only) - truth)
