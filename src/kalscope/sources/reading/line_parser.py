@@ -10,10 +10,10 @@ from dataclasses import replace
 
 from kalscope.recording import MAX_ISSUE_LENGTH
 from kalscope.sources.grammar.cells import DAMAGED, is_blank, is_comment, is_damaged
-from kalscope.sources.grammar.line_format import LineFormat, split_teleplot, without_escapes
+from kalscope.sources.grammar.line_format import split_teleplot, without_escapes
 from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
 from kalscope.sources.reading.columns import Column
-from kalscope.sources.reading.line_reader import TAIL_LINES, Kind, LineEvent, LineReader, rejected
+from kalscope.sources.reading.line_reader import Kind, LineEvent, LineReader, rejected
 from kalscope.sources.reading.sniffer import MAX_STREAM_COLUMNS, Layout, sniff
 
 # From a stream of bytes to the lines of a log: for live ports, stdin and replays.
@@ -39,7 +39,8 @@ _MIN_DISTINCT_ROWS, _MIN_ROWS = 3, 8
 """How many lines with words beside numbers are enough to take them for rows: different ones, or in all."""
 
 _SHORT_HEAD = 64
-"""A head without data is sniffed at every line up to this length, then whenever it has grown by a quarter."""
+"""A head without data is sniffed at every line up to this length, then whenever it has grown by a quarter; one of a
+known layout whenever the lines that do not fit have doubled."""
 
 _MAX_NAMES = 1024
 """Names of Teleplot that were seen once and are remembered; damage on the wire makes a new one of each line."""
@@ -53,29 +54,17 @@ class LineParser:
     Lines end with \n, \r\n or \r. They are UTF-8, or where they are not, Latin-1.
     """
 
-    def __init__(
-        self, options: ReadOptions = DEFAULTS, *, layout: Layout | None = None, skip_first: bool = False
-    ) -> None:
-        """Begin a stream.
-
-        Args:
-            options: What is decided already; everything else is detected.
-            layout: How the lines are written, where that is known; it then never changes.
-            skip_first: Drop the first line: a port that was just opened may begin inside it.
-        """
+    def __init__(self, options: ReadOptions = DEFAULTS) -> None:
+        """Begin a stream; `options` are what is decided already."""
         self._options = options
-        self._reader = LineReader(layout, options) if layout is not None else None
-        self._settled = layout is not None
-        self._skip_first = skip_first
+        self._reader: LineReader | None = None
+        self._settled = False
         self._buffer = bytearray()
         self._searched = 0  # bytes of the buffer known to hold no newline
-        self._after_cr = False
-        self._overlong = False
+        self._after_cr = self._overlong = False
         self._head: list[str] = []
         self._head_bytes = 0
-        self._misfits = 0
-        self._next_look = 0
-        self._before: deque[str] = deque(maxlen=TAIL_LINES)
+        self._misfits = self._next_look = 0
         self._seen_once: deque[str] = deque(maxlen=_MAX_NAMES)
         self._number = 0
         self.line = ""
@@ -123,45 +112,24 @@ class LineParser:
         event = reader.read(self._number, head[-1])
         if event.kind != "row":
             return None
-        self._reader, self._settled, self._misfits = reader, False, 0
+        self._reader, self._settled, self._misfits, self._next_look = reader, False, 0, 0
         self._head, self._head_bytes = list(head), sum(len(line) + 1 for line in head)
         return event
 
     def next_line(self) -> LineEvent | None:
         """The next line that is complete; None where more bytes are needed."""
-        while (line := self._maybe_extract_line()) is not None:
-            if self._skip_first:
-                self._skip_first = False
-                continue
-            self._number += 1
-            return self._read(line)
-        return None
-
-    def close(self) -> LineEvent | None:
-        """The stream has ended: the last line, where it lacks its newline; torn unless it proves whole."""
-        if self._overlong:
-            self._buffer, self._overlong = bytearray(), False
-            self._number += 1
-            return rejected(self._number, "", f"must be at most {MAX_LINE_BYTES} bytes long")
-        if not self._buffer or self._skip_first:
-            return None
-        line, self._buffer = _decoded(self._buffer), bytearray()
-        self._number += 1
-        if self._reader is None:
-            return rejected(self._number, line, "must end with a newline (torn: the stream ends inside this line)")
-        return self._reader.read_last(self._number, line, list(self._before))
+        line = self._maybe_extract_line()
+        return None if line is None else self._read(line)
 
     def __iter__(self) -> Iterator[LineEvent]:
         """All lines that are complete."""
-        while (event := self.next_line()) is not None:
-            yield event
+        return iter(self.next_line, None)
 
     def _maybe_extract_line(self) -> str | None:
         buffer = self._buffer
         if self._after_cr and buffer:
             # \r ended the last line at once, without waiting to see whether \n follows.
-            if buffer.startswith(b"\n"):
-                del buffer[:1]
+            del buffer[: buffer.startswith(b"\n")]
             self._after_cr = False
         match = _NEWLINE.search(buffer, self._searched)
         if match is None:
@@ -176,27 +144,26 @@ class LineParser:
         return _decoded(line)
 
     def _read(self, line: str) -> LineEvent:
+        self._number += 1
         if self._overlong or len(line) > MAX_LINE_BYTES:
             self._overlong, self.line = False, ""
             return rejected(self._number, line, f"must be at most {MAX_LINE_BYTES} bytes long")
-        if self._number == 1:
-            line = line.removeprefix("\ufeff")
-        self.line = line
-        self._before.append(line)
+        self.line = line = line.removeprefix("\ufeff") if self._number == 1 else line
         if line.lstrip().startswith(">"):
             self._add_variable(line)
         event = self._reader.read(self._number, line) if self._reader else None
-        if self._settled:
-            return event or _without_layout(self._number, line)
-        damaged = is_damaged(line)  # then it can be neither a row nor names
-        self._head.append(DAMAGED if damaged else line)
-        self._head_bytes += len(line) + 1
-        if not damaged and (event is None or event.kind in ("rejected", "text") or event.issues):
-            event = self._look_again(line, event)
-        if self._head_bytes >= HEAD_BYTES:
-            # As long as nothing was data, the head is still to come.
-            self._settled, self._head, self._head_bytes = self._reader is not None, [], 0
-            self._next_look = 0
+        if not self._settled:
+            damaged = is_damaged(line)  # then it can be neither a row nor names
+            self._head.append(DAMAGED if damaged else line)
+            self._head_bytes += len(line) + 1
+            fits = event is not None and event.kind not in ("rejected", "text") and not event.issues
+            if not (damaged or fits) and self._is_look_due(line) and (layout := self._other_layout(self._head)):
+                self._reader = LineReader(layout, self._options)
+                event = self._reader.read(self._number, line)
+            if self._head_bytes >= HEAD_BYTES:
+                # As long as nothing was data, the head is still to come.
+                self._settled, self._head, self._head_bytes = self._reader is not None, [], 0
+                self._misfits = self._next_look = 0
         return event or _without_layout(self._number, line)
 
     def _add_variable(self, line: str) -> None:
@@ -205,40 +172,16 @@ class LineParser:
         Once the head of the stream is over, a name counts from its second line on: the first may be damage.
         """
         plot, layout = split_teleplot(line), self.layout
-        if plot is None or not plot.name or not plot.name.isprintable():
+        if plot is None or layout is None or layout.form.kind != "teleplot" or plot.name in layout.form.labels:
             return
-        if layout is None and plot.only_names:  # `>name:` is enough
-            layout = Layout(
-                LineFormat("teleplot"), (), None, 1, frozenset(), (), ("each line is one variable of Teleplot",)
-            )
-        if layout is None or layout.form.kind != "teleplot" or len(layout.columns) >= MAX_STREAM_COLUMNS:
-            return
-        labels = layout.form.labels
-        if plot.name in labels:
+        if not plot.name.isprintable() or not plot.name or len(layout.columns) >= MAX_STREAM_COLUMNS:
             return
         if self._settled and not plot.only_names and plot.name not in self._seen_once:
             self._seen_once.append(plot.name)
             return
-        form, columns = (
-            replace(layout.form, labels=(*labels, plot.name)),
-            (*layout.columns, Column(plot.name, plot.unit)),
-        )
+        form = replace(layout.form, labels=(*layout.form.labels, plot.name))
+        columns = (*layout.columns, Column(plot.name, plot.unit))
         self._reader = LineReader(replace(layout, form=form, columns=columns), self._options)
-
-    def prime(self, lines: Sequence[str]) -> None:
-        """Take the variables of lines of Teleplot that are still to come: one layout for all, if none is known."""
-        layout = self._other_layout(lines) if self._reader is None and lines else None
-        if layout is not None and layout.form.kind == "teleplot":
-            self._reader = LineReader(layout, self._options)
-
-    def _look_again(self, line: str, event: LineEvent | None) -> LineEvent:
-        """Sniff the head again if that is due, for data, new labels or a new header."""
-        self._misfits += 1
-        layout = self._other_layout(self._head) if self._is_look_due(line) else None
-        if layout is not None:
-            self._reader = LineReader(layout, self._options)
-            event = self._reader.read(self._number, line)
-        return event or _without_layout(self._number, line)
 
     def _other_layout(self, head: Sequence[str]) -> Layout | None:
         """The layout of these lines where they surely show one, and another than is known.
@@ -261,17 +204,12 @@ class LineParser:
         return layout
 
     def _is_look_due(self, line: str) -> bool:
-        """Whether to sniff the head again at a line that does not fit; the total cost stays linear in the head.
-
-        With a known layout that is at the 1st, 2nd, 4th, 8th, … such line.
-        """
-        if not any(map(str.isdigit, line)):
+        """Whether to sniff the head again at a line that does not fit; the total cost stays linear in the head."""
+        self._misfits += 1
+        if self._misfits < self._next_look or not any(map(str.isdigit, line)):
             return False
-        if self._reader is not None:
-            return self._misfits & (self._misfits - 1) == 0
-        if len(self._head) < self._next_look:
-            return False
-        self._next_look = 0 if len(self._head) < _SHORT_HEAD else len(self._head) * 5 // 4
+        grown = self._misfits if self._reader else self._misfits // 4 if self._misfits >= _SHORT_HEAD else 0
+        self._next_look = self._misfits + max(1, grown)
         return True
 
 
