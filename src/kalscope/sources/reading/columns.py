@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import re
-from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections import Counter, defaultdict
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
+from itertools import count, islice, pairwise
 from typing import Literal, NamedTuple
 
 from kalscope.errors import BadSetting
@@ -66,16 +66,13 @@ def shaped(lines: Sequence[HeadLine]) -> list[HeadLine]:
     return [HeadLine(line.number, line.text, line.stamp, shape) for line, shape in zip(lines, shapes, strict=True)]
 
 
-def first_of_each_shape(lines: Iterable[HeadLine]) -> dict[str, Sequence[str]]:
+def first_of_each_shape(lines: Iterable[HeadLine]) -> Mapping[str, Sequence[str]]:
     """The texts of the first few lines of each shape."""
-    found: dict[str, list[str]] = {}
+    found = defaultdict[str, list[str]](list)
     for line in lines:
-        texts = found.get(line.shape)
-        if texts is None:
-            found[line.shape] = [line.text]
-        elif len(texts) < _MAX_OF_SHAPE:
+        if len(texts := found[line.shape]) < _MAX_OF_SHAPE:
             texts.append(line.text)
-    return {shape: tuple(texts) for shape, texts in found.items()}
+    return found
 
 
 # What the columns of a log are: names, units, the time, text. Pure functions on cells.
@@ -197,17 +194,12 @@ def settle_roles(
 
 def distinct_names(names: list[str]) -> tuple[str, ...]:
     """Distinct names: the second `temp` becomes `temp 2`, those without a name `value 1`, `value 2`."""
-    given = {name for name in names if name}
     distinct: dict[str, None] = {}
-    counts: dict[str, int] = {}
     for i, name in enumerate(names, 1):
-        count = counts.get(name, 2) if name else i
-        candidate = name or f"value {count}"
+        numbered = (f"{name or 'value'} {k}" for k in count(2 if name else i))
         # A made-up name must not be the given name of a later column.
-        while candidate in distinct or (candidate != name and candidate in given):
-            candidate = f"{name or 'value'} {count}"
-            count += 1
-        distinct[candidate], counts[name] = None, count
+        free = (made for made in numbered if made not in distinct and made not in names)
+        distinct[name if name and name not in distinct else next(free)] = None
     return tuple(distinct)
 
 
@@ -480,28 +472,24 @@ def mark_series(
     texts = [i for i, column in enumerate(columns) if column.role == "text" and i not in times]
     names = [i for i in texts if bases[i] in _NAMES and i not in values]
     numbers = [i for i, column in enumerate(columns) if column.role == "channel" and i not in (*times, *values)]
-    if len(values) != 1 or not names or (numbers and not by_field) or len(rows) < _MIN_ROWS:
-        key = next(
-            (i for i in range(len(columns)) if i not in times and _is_key(i, columns, bases, rows, times)), None
-        )
-        if key is None:
-            return columns, []
-        columns = [replace(column, role="series") if i == key else column for i, column in enumerate(columns)]
-        count, named = len({row[key] for row in rows}), columns[key].name or f"column {key + 1}"
-        return columns, [Assumption(f'each row is of one of {count} sensors, by "{named}"')]
-    series = [i for i in texts if by_field and bases[i] not in _NO_TAGS] or names
-    series = sorted({*series, *(i for i in texts if bases[i] in UNIT_NAMES)} - {*values})
-    distinct = {tuple(row[i] for i in series) for row in rows}
-    if len(distinct) > len(rows) / 2 or not any(is_number(row[values[0]], decimal) for row in rows):
-        return columns, []
-    roles: dict[int, Role] = {
-        **dict.fromkeys(numbers, "text"),
-        **dict.fromkeys(series, "series"),
-        values[0]: "channel",
-    }
-    columns = [replace(column, role=roles.get(i, column.role)) for i, column in enumerate(columns)]
-    said = ", ".join(f'"{columns[i].name}"' for i in series)
-    return columns, [f"each row holds one value, named by {said}"]
+    roles: dict[int, Role] = {}
+    note = ""
+    if len(values) == 1 and names and (by_field or not numbers) and len(rows) >= _MIN_ROWS:
+        series = {i for i in texts if by_field and bases[i] not in _NO_TAGS} or {*names}
+        series = sorted({*series, *(i for i in texts if bases[i] in UNIT_NAMES)} - {*values})
+        distinct = {tuple(row[i] for i in series) for row in rows}
+        if len(distinct) <= len(rows) / 2 and any(is_number(row[values[0]], decimal) for row in rows):
+            roles = {**dict.fromkeys(numbers, "text"), **dict.fromkeys(series, "series"), values[0]: "channel"}
+        said = ", ".join(f'"{columns[i].name}"' for i in series)
+        note = f"each row holds one value, named by {said}"
+    else:
+        keys = (i for i in range(len(columns)) if i not in times and _is_key(i, columns, bases, rows, times))
+        for key in islice(keys, 1):
+            roles[key], name = "series", columns[key].name or f"column {key + 1}"
+            note = Assumption(f'each row is of one of {len({row[key] for row in rows})} sensors, by "{name}"')
+    return [replace(column, role=roles.get(i, column.role)) for i, column in enumerate(columns)], [
+        note
+    ] if roles else []
 
 
 def _is_key(index: int, columns: list[Column], bases: list[str], rows: list[Cells], times: tuple[int, ...]) -> bool:

@@ -19,7 +19,7 @@ from kalscope.recording import Assumption, Recording
 from kalscope.sources.containers.registry import Container, find_container, read_container, storage_of
 from kalscope.sources.containers.table import Part, Table, choose_part, refuse_part
 from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
-from kalscope.sources.reading.account import no_channel, no_table, refuse_markup
+from kalscope.sources.reading.account import no_channel, no_table, refuse_foreign
 from kalscope.sources.reading.assemble import Reading, assemble, check_chosen_period, reading_of
 from kalscope.sources.reading.columns import UNIT_NAMES, Column, distinct_names
 from kalscope.sources.reading.rows import Tally, read_rows
@@ -278,7 +278,7 @@ def _sniff_head(raw: RawFile, encoding: str, options: ReadOptions) -> Layout:
     lines: list[str] = []
     for size in HEAD_BYTES:
         lines = list(islice(open_text(io.BytesIO(raw.head[:size]), encoding), HEAD_LINES))
-        refuse_markup(raw.name, lines)
+        refuse_foreign(raw.name, lines)
         is_whole = raw.size <= size and len(lines) < HEAD_LINES
         if not is_whole and len(lines) > 1:
             lines.pop()  # cut by the limit
