@@ -66,14 +66,18 @@ class Tally:
     ending: str = ""
     """A sentence about a last line without newline; "" where it has one."""
 
-    def take(self, event: LineEvent) -> None:
-        """Count one line and keep its issues, up to MAX_ISSUES."""
+    def take(self, event: LineEvent, *, last: bool = False) -> LineEvent:
+        """Count one line and keep its issues, up to MAX_ISSUES; the `last` one has no newline."""
         self.lines[event.kind] += 1
         if event.kind == "row":
             self.bad_cells += len(event.issues)
             self.missing.update(event.missing)
             self.bad_columns.update(issue.column for issue in event.issues if issue.column)
         self.issues.extend(event.issues[: MAX_ISSUES - len(self.issues)])
+        what = {"rejected": "it is torn and was left out", "row": "it was kept, because it has all its values"}
+        if last and event.kind in what:
+            self.ending = f"line {event.number}, the last, has no newline: {what[event.kind]}"
+        return event
 
     @property
     def notes(self) -> list[str]:
@@ -83,13 +87,6 @@ class Tally:
             for word, count in self.missing.most_common(MAX_WORDS)
         ]
         return [*said, *([self.ending] if self.ending else [])]
-
-    def take_last(self, event: LineEvent) -> None:
-        """Count a last line that has no newline, and note whether it was kept."""
-        self.take(event)
-        what = {"rejected": "it is torn and was left out", "row": "it was kept, because it has all its values"}
-        if event.kind in what:
-            self.ending = f"line {event.number}, the last, has no newline: {what[event.kind]}"
 
 
 def read_rows(
@@ -110,8 +107,9 @@ def read_rows(
             progress(file.tell() / size, "reading")
             block = ahead.submit(_read_block, text)
             reader.take(data, growing=not data.endswith(b"\n") and path.stat().st_size > size)
-            reader.require_room(file.tell(), size, path.name)
-    return reader.finish(), reader.tally
+            reader.rows.require_room(file.tell(), size, path.name)
+    reader.tally.series = tuple(reader.reader.series)
+    return reader.rows.finish(), reader.tally
 
 
 def _read_block(text: TextIO) -> bytes:
@@ -125,15 +123,14 @@ class _TableReader:
     def __init__(self, layout: Layout, options: ReadOptions, *, by_line: bool) -> None:
         self.tally = Tally()
         self._layout = layout
-        self._rows = Rows(layout)
-        self._reader = LineReader(layout, options.without_numbers())
-        self._form = None if by_line else row_form(layout, options, self._reader)
+        self.rows = Rows(layout)
+        self.reader = LineReader(layout, options.without_numbers())
+        self._form = None if by_line else row_form(layout, options, self.reader)
         width = len(layout.columns)
         self._out = np.empty((0 if self._form is None else max(16, _MAX_NUMBERS // width), width))
         self._odd = np.empty((max(_MAX_ODD, width + 1), 4), dtype=np.int64)
         self._number = 1
         self._above = b""
-        self._room_at = ROOM_EVERY
 
     def take(self, data: bytes, *, growing: bool = False) -> None:
         """Take the next lines, UTF-8, of which only the last of the file may lack its newline.
@@ -151,23 +148,11 @@ class _TableReader:
             at = self._take_line(data, at) if self._form is None else self._take_block(data, lines, at, self._form)
         if at < len(data):
             above = (self._above + data[:whole]).decode().split("\n")[-1 - TAIL_LINES : -1]
-            event = self._reader.read_last(self._number, data[whole:].decode(), [] if growing else above)
-            self.tally.take_last(event)
-            self._rows.add(event.rows)  # a rejected last line has no neighbours whose places it could keep
+            event = self.reader.read_last(self._number, data[whole:].decode(), [] if growing else above)
+            self.rows.add(
+                self.tally.take(event, last=True).rows
+            )  # a rejected last line has no neighbours whose places it could keep
         self._above = data
-
-    def require_room(self, done: int, size: int, name: str) -> None:
-        """Raise NoMemory if all `size` bytes of the file will not fit in memory, by what the first `done` take."""
-        if done < self._room_at:
-            return
-        self._room_at = done + ROOM_EVERY
-        taken = self._rows.nbytes
-        require_memory(MEMORY_FACTOR * taken * size / done - taken, name, f"{size / 1e9:.1f} GB of text")
-
-    def finish(self) -> list[Array]:
-        """The columns, each of shape (rows,)."""
-        self.tally.series = tuple(self._reader.series)
-        return self._rows.finish()
 
     def _take_block(self, data: bytes, lines: NDArray[np.uint8], at: int, form: RowForm) -> int:
         """Take many lines at once, one row each, but for those that are none; the place after them."""
@@ -176,31 +161,26 @@ class _TableReader:
         for row, column, first, last in self._odd[:odd].tolist():
             if row in whole:
                 continue
-            value = None if column < 0 else self._reader.value(column, data[first:last].decode().rstrip(" \t"))
+            value = None if column < 0 else self.reader.value(column, data[first:last].decode().rstrip(" \t"))
             if value is not None:
                 self._out[row, column] = value
                 continue
             line, _ = _line_at(data, data.rfind(b"\n", 0, first) + 1)
-            rows = self._rows.of(self._event(self._number + row, line))
+            rows = self.rows.of(self.tally.take(self.reader.read(self._number + row, line)))
             whole.add(row)
             kept[row] = bool(rows)
             self._out[row] = rows[0] if rows else math.nan
         self._number += count
         self.tally.lines["row"] += count - len(whole)
-        self._rows.extend(self._out[:count] if kept.all() else self._out[:count][kept])
+        self.rows.extend(self._out[:count] if kept.all() else self._out[:count][kept])
         return end
 
     def _take_line(self, data: bytes, at: int) -> int:
         """Take one line, of any kind; the place after it."""
         line, at = _line_at(data, at)
-        self._rows.add(self._rows.of(self._event(self._number, line)))
+        self.rows.add(self.rows.of(self.tally.take(self.reader.read(self._number, line))))
         self._number += 1
         return at
-
-    def _event(self, number: int, line: str) -> LineEvent:
-        event = self._reader.read(number, line)
-        self.tally.take(event)
-        return event
 
 
 def row_form(layout: Layout, options: ReadOptions, reader: LineReader) -> RowForm | None:
@@ -217,15 +197,15 @@ def row_form(layout: Layout, options: ReadOptions, reader: LineReader) -> RowFor
         or any(all(reader.value(i, row[i]) is not None for i in read if i < len(row)) for row in layout.header_rows)
     ):
         return None
-    by_cell = any(is_number(text, form.decimal) for text in options.missing_texts)
-    reads = np.full(len(layout.columns), TEXT, dtype=np.uint8)
+    plain = not any(is_number(text, form.decimal) for text in options.missing_texts)
+    plain_stamp = time is None or time.kind == "number"
+    reads = [TEXT] * len(layout.columns)
     for i in read:
-        is_stamp = time is not None and i == time.index
-        plain = time is None or time.kind == "number" if is_stamp else layout.columns[i].form is None
-        reads[i] = NUMBER if plain and not by_cell else CELL
+        by_loop = plain and layout.columns[i].form is None and (plain_stamp or i != read[-1])
+        reads[i] = NUMBER if by_loop else CELL
     return RowForm(
         marks=(ord(form.delimiter), ord(form.decimal)),
-        reads=reads,
+        reads=np.array(reads, dtype=np.uint8),
         fields=(layout.least, len(reads) + (form.delimiter != " ")),  # a separator may end the line
         stamp=-1 if time is None else time.index,
     )
@@ -247,7 +227,7 @@ class Rows:
         time = () if layout.time is None else layout.time.indices
         series = (i for i, column in enumerate(layout.columns) if column.role == "series")
         self._columns = {i: np.empty(0) for i in {*layout.channels, *time, *series}}
-        self._width, self._count = len(layout.columns), 0
+        self._width, self._count, self._room_at = len(layout.columns), 0, ROOM_EVERY
         self._block = array("d")  # rows, flat
         self._gathers = layout.form.kind == "teleplot" or layout.lead is not None
         self._lead = layout.lead
@@ -294,14 +274,15 @@ class Rows:
         rows, self._block = np.array(self._block).reshape(-1, self._width), array("d")
         self.extend(rows)
 
-    @property
-    def nbytes(self) -> int:
-        """Bytes that the columns take."""
-        return 8 * len(self._columns) * self._count
+    def require_room(self, done: int, size: int, name: str) -> None:
+        """Raise NoMemory if all `size` bytes of the file will not fit in memory, by what the first `done` take."""
+        if done >= self._room_at:
+            self._room_at = done + ROOM_EVERY
+            taken = 8 * len(self._columns) * self._count
+            require_memory(MEMORY_FACTOR * taken * size / done - taken, name, f"{size / 1e9:.1f} GB of text")
 
     def finish(self) -> list[Array]:
         """All columns, each of shape (rows,), empty where not read, once all lines were added."""
         self._block.extend(self._row)
         self._empty_block()
-        none = np.empty(0)
-        return [self._columns.get(i, none)[: self._count] for i in range(self._width)]
+        return [self._columns.get(i, np.empty(0))[: self._count] for i in range(self._width)]
