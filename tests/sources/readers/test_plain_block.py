@@ -5,12 +5,12 @@ import threading
 
 import numpy as np
 import pytest
+from both_ways import assert_same_by_line
 from each import each
 from hypothesis import example, given
 from hypothesis import strategies as st
-from raw_bytes import damaged
 
-from kalscope.errors import BadFile, Cancelled, KalscopeError
+from kalscope.errors import Cancelled
 from kalscope.sources.grammar.line_format import LineFormat
 from kalscope.sources.grammar.read_options import DEFAULTS
 from kalscope.sources.reading import rows as csv_rows
@@ -41,13 +41,6 @@ SEEDS = {
 }
 
 
-@pytest.fixture(scope="module", autouse=True)
-def _blocks_of_any_size():
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(csv_rows, "MAX_BYTES_BY_LINE", 0)
-        yield
-
-
 @pytest.fixture
 def by_line(monkeypatch):
     """The lines that the line reader read."""
@@ -59,30 +52,8 @@ def by_line(monkeypatch):
             return super().read(number, line)
 
     monkeypatch.setattr(csv_rows, "LineReader", Spy)
+    monkeypatch.setattr(csv_rows, "MAX_BYTES_BY_LINE", 0)
     return lines
-
-
-def reading(path, options):
-    """What is read; an error as its type and text."""
-    try:
-        return read_recording(path, options)
-    except KalscopeError as error:
-        return type(error), str(error)
-
-
-def assert_same(path, options=DEFAULTS):
-    fast = reading(path, options)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(csv_rows, "row_form", lambda *_: None)
-        slow = reading(path, options)
-    if isinstance(slow, tuple) or isinstance(fast, tuple):
-        assert fast == slow
-        return
-    assert fast.report == slow.report
-    assert (fast.names, fast.units, fast.sample_period) == (slow.names, slow.units, slow.sample_period)
-    assert (fast.sha256, fast.source, fast.title) == (slow.sha256, slow.source, slow.title)
-    np.testing.assert_array_equal(fast.time, slow.time)
-    np.testing.assert_array_equal(fast.values, slow.values)
 
 
 @pytest.mark.slow
@@ -93,7 +64,7 @@ def test_a_table_takes_no_line_reader_and_is_the_same(tmp_path, by_line, name):
     by_line.clear()
     read_recording(path)
     assert by_line == []
-    assert_same(path)
+    assert_same_by_line(path)
 
 
 def rows_of(form, width, lines):
@@ -102,7 +73,7 @@ def rows_of(form, width, lines):
     for is_by_line in (False, True):
         reader = csv_rows._TableReader(layout, DEFAULTS, by_line=is_by_line)
         reader.take("".join(lines).encode())
-        yield np.array(reader.finish()), reader.tally
+        yield np.array(reader.rows.finish()), reader.tally
 
 
 FORMATS = [LineFormat("table", d, m) for d in ",;\t| " for m in ".," if d != m]
@@ -141,55 +112,6 @@ def test_what_lies_between_two_floats_is_rounded_as_python_does(half, tens):
         assert not is_sure or value == float(f"{min(digits, 10**18)}e-{tens}")
 
 
-DAMAGE = [
-    b"\n",
-    b"\n\n",
-    b"\n \n",
-    b",,\n",
-    b"1e999\n",
-    b"0.5,1e400,2\n",
-    b"5\n",
-    b"1,2,3,4\n",
-    b"# x\n",
-    b"t,a,b\n",
-    b"0.1,2,ERR\n",
-    b"nan",
-    b"-nan",
-    b"nanN",
-    b"inf",
-    b"1_0",
-    b"e5",
-    b"E",
-    b"-",
-    b"+",
-    b".",
-    b" ",
-    b"3 4",
-    b'"',
-    b"\x00",
-    b"\xff",
-    b"\xc2\xb5",
-    b"\r",
-    b"\r\n",
-    b"9" * 400,
-]
-change = st.one_of(
-    st.tuples(st.just("flip"), st.integers(0, 900), st.integers(0, 255)),
-    st.tuples(st.just("cut"), st.integers(0, 900), st.integers(0, 30)),
-    st.tuples(st.just("end"), st.integers(0, 900), st.just(0)),
-    st.tuples(st.just("insert"), st.integers(0, 900), st.sampled_from(DAMAGE)),
-    st.tuples(st.just("line"), st.integers(0, 900), st.sampled_from(DAMAGE)),
-)
-
-
-@pytest.mark.slow
-@given(st.sampled_from(sorted(SEEDS)), st.lists(change, min_size=1, max_size=4))
-def test_damage_is_the_same_to_both(tmp_path_factory, name, changes):
-    path = tmp_path_factory.getbasetemp() / "damaged.csv"
-    path.write_bytes(damaged(SEEDS[name].encode(), changes))
-    assert_same(path)
-
-
 @pytest.mark.slow
 def test_thousands_of_lines_in_many_blocks_are_the_same_to_both(tmp_path, by_line, monkeypatch):
     monkeypatch.setattr(csv_rows, "BLOCK_SIZE", 1 << 14)
@@ -202,16 +124,7 @@ def test_thousands_of_lines_in_many_blocks_are_the_same_to_both(tmp_path, by_lin
     assert path.stat().st_size > 5 * csv_rows.BLOCK_SIZE
     read_recording(path)
     assert 0 < len(by_line) < 100
-    assert_same(path)
-
-
-@pytest.mark.parametrize("keep", [5, 20, -1])
-def test_a_cut_zstandard_archive_is_refused(tmp_path, keep):
-    zstandard = pytest.importorskip("zstandard")
-    path = tmp_path / "log.zst"
-    path.write_bytes(zstandard.compress(CLEAN.encode() * 50)[:keep])
-    with pytest.raises(BadFile, match="read as a Zstandard"):
-        read_recording(path)
+    assert_same_by_line(path)
 
 
 # Progress and cancel.

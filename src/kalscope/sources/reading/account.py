@@ -145,11 +145,10 @@ MAX_LINES, MAX_LINE = 2000, 16_384
 """Lines that are looked at for the reason, and characters of each."""
 
 _FOREIGN = {
-    r"<!doctype html|<html|<head|<body": "a web page: download the file itself",
-    r"<\?xml|<gpx|<kml": "an XML document: export it as CSV",
-    r"(?:\([0-9.]{1,20}\))?\s{0,9}v?can[0-9]{1,3}\s+[0-9a-f]{3,8}(?:#|\s+\[[0-9]+\])": (
-        "raw frames of candump: cantools decode --single-line FILE.dbc writes their signals, where FILE.dbc"
-        " describes them"
+    "a web page: download the file itself": re.compile(r"<!doctype html|<html|<head|<body", re.IGNORECASE),
+    "an XML document: export it as CSV": re.compile(r"<\?xml|<gpx|<kml", re.IGNORECASE),
+    "raw frames of candump: cantools decode --single-line FILE.dbc writes their signals": re.compile(
+        r"(?:\([0-9.]{1,20}\))?\s{0,9}v?can[0-9]{1,3}\s+[0-9A-Fa-f]{3,8}(?:#|\s+\[[0-9]+\])"
     ),
 }
 """How the first line of a text begins that is no table, although its lines may hold numbers."""
@@ -158,8 +157,8 @@ _FOREIGN = {
 def refuse_foreign(name: str, lines: Sequence[str]) -> None:
     """Raise BadFile where a text begins as a web page, an XML document or frames of a bus."""
     number, line = next(((i, line.strip()) for i, line in enumerate(lines, 1) if line.strip()), (0, ""))
-    for begin, what in _FOREIGN.items():
-        if re.match(begin, line[:MAX_TEXT].lstrip("\ufeff"), re.IGNORECASE):
+    for what, begin in _FOREIGN.items():
+        if begin.match(line[:MAX_TEXT].lstrip("\ufeff")):
             raise BadFile(f"{name} must be a table of numbers (got, in line {number}, {_quoted(line)}: {what})")
 
 
