@@ -10,7 +10,7 @@ from dataclasses import replace
 
 from kalscope.recording import MAX_ISSUE_LENGTH
 from kalscope.sources.grammar.cells import DAMAGED, is_blank, is_comment, is_damaged
-from kalscope.sources.grammar.line_format import split_teleplot, without_escapes
+from kalscope.sources.grammar.line_format import LineFormat, split_teleplot, without_escapes
 from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
 from kalscope.sources.reading.columns import Column
 from kalscope.sources.reading.line_reader import Kind, LineEvent, LineReader, rejected
@@ -45,6 +45,7 @@ known layout whenever the lines that do not fit have doubled."""
 _MAX_NAMES = 1024
 """Names of Teleplot that were seen once and are remembered; damage on the wire makes a new one of each line."""
 
+_TELEPLOT = Layout(LineFormat("teleplot"), (), None, 1, frozenset(), (), ("each line is one variable of Teleplot",))
 _NEWLINE = re.compile(rb"[\r\n]")
 
 
@@ -172,6 +173,8 @@ class LineParser:
         Once the head of the stream is over, a name counts from its second line on: the first may be damage.
         """
         plot, layout = split_teleplot(line), self.layout
+        if layout is None and plot is not None and plot.only_names:  # `>name:` is enough
+            layout = _TELEPLOT
         if plot is None or layout is None or layout.form.kind != "teleplot" or plot.name in layout.form.labels:
             return
         if not plot.name.isprintable() or not plot.name or len(layout.columns) >= MAX_STREAM_COLUMNS:
