@@ -220,12 +220,8 @@ _SPELLED = {"second": "s", **dict.fromkeys(("-", "--", "no_units", "unitless"), 
 """Units in lower case that are written as their symbols."""
 MAX_UNIT = 24
 """Most characters of a unit that is recognised only by a sign such as / or °."""
-# Suffixes of a channel's name that can hardly be anything else; one letter (a_g, a_x) could be.
-_SUFFIX_UNITS = words(
-    """
-    mm cm km mv ma mg ms us degc degf hpa kpa mbar hz lux ppm ppb rpm dps kg
-    """
-)
+SUFFIX_UNITS = words("mm cm km mv ma mg ms us degc degf hpa kpa mbar hz lux ppm ppb rpm dps kg")
+"""Suffixes of a channel's name that can hardly be anything else; one letter (a_g, a_x) could be."""
 
 
 def is_unit(text: str, *, alone: bool = False) -> bool:
@@ -240,11 +236,6 @@ def is_unit(text: str, *, alone: bool = False) -> bool:
 def is_measure(text: str) -> bool:
     """True for a unit that may follow each number of a column: the C of 26.69C, the % of 45%."""
     return text.removesuffix("DC").removesuffix("AC").rstrip().lower() in _UNITS  # a multimeter writes 3.3 V DC
-
-
-def is_unit_suffix(text: str) -> bool:
-    """True for a unit that may end a name: the cm of Distance_cm."""
-    return text.lower() in _SUFFIX_UNITS
 
 
 def bare_unit(unit: str) -> str:

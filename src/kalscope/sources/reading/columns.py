@@ -17,12 +17,12 @@ from kalscope.sources.grammar.cells import (
     NUMBER,
     OTHER_MARK,
     OVERFLOWS,
+    SUFFIX_UNITS,
     NumberForm,
     is_grouped,
     is_measure,
     is_number,
     is_unit,
-    is_unit_suffix,
     split_measure,
     words,
 )
@@ -82,7 +82,6 @@ Role = Literal["channel", "time", "text", "row name", "row number", "metadata", 
 """How a column is used; "metadata" is beside the data in the first rows only."""
 
 _INDEX = re.compile(r"\s*(?:[0-9]+|[xyzijk])\s*", re.IGNORECASE)
-_SUFFIX = re.compile(r"[A-Za-zµμ%]+")
 
 
 HOST_AND_DEVICE = ("host time", "device time")
@@ -128,17 +127,13 @@ def named_column(text: str) -> Column:
             return Column(name.rstrip(), unit.strip())
     place = max(text.rfind("_"), text.rfind(" "))
     suffix = text[place + 1 :]
-    if place > 0 and _SUFFIX.fullmatch(suffix) and is_unit_suffix(suffix):
-        return Column(text, suffix)
-    return Column(text)
+    return Column(text, suffix if place > 0 and suffix.lower() in SUFFIX_UNITS else "")
 
 
 def _split_brackets(text: str) -> tuple[str, str]:
     """(`accel`, `m/s^2`) of `accel (m/s^2)`; ("", "") where the text does not end in a bracket."""
-    opening = {"]": "[", ")": "("}.get(text[-1:])
-    start = -1 if opening is None else text.rfind(opening)
-    inside = text[start + 1 : -1]
-    return ("", "") if start < 0 or text[-1] in inside else (text[:start].rstrip(), inside)
+    bare, opening, inside = text[:-1].rpartition({"]": "[", ")": "("}.get(text[-1:], "\n"))
+    return (bare.rstrip(), inside) if opening and text[-1] not in inside else ("", "")
 
 
 def role_of(column: Column, cells: Sequence[str], index: int, kind: ColumnType, width: int) -> Role:
@@ -157,9 +152,8 @@ def role_of(column: Column, cells: Sequence[str], index: int, kind: ColumnType, 
 def _is_row_number(name: str, cells: list[str]) -> bool:
     """True for Kalscope's own column of row numbers, and for a similarly named one that counts without a gap."""
     own = name == ROW_NUMBER_NAME
-    if not own and (name.lower() not in COUNTING_NAMES or len(cells) < _MIN_COUNTED):
-        return False
-    if not all(cell.isascii() and cell.isdecimal() and len(cell) < 18 for cell in cells):
+    named = own or (name.lower() in COUNTING_NAMES and len(cells) >= _MIN_COUNTED)
+    if not named or not all(cell.isascii() and cell.isdecimal() and len(cell) < 18 for cell in cells):
         return False
     numbers = [int(cell) for cell in cells]
     rising = numbers[0] <= 1 and all(b > a for a, b in pairwise(numbers))
@@ -253,8 +247,6 @@ NUMERIC: tuple[CellKind, ...] = ("number", "other number", "grouped", "measure")
 """The kinds that are numbers."""
 
 _NUMERIC_CHARACTERS = "0123456789.,+-eE;| \t"
-_MIN_SHAPE, _MIN_JUDGED = 8, 3
-"""Characters from which the shape of a cell shows a stamp, and how many cells of the shape must agree."""
 _HEXADECIMAL = re.compile(r"(?:0[xX])?[0-9A-Fa-f]{2,16}")
 _MIN_REPEATED = 3
 """How often the one word of an otherwise numeric column must occur to mean "no sample"."""
@@ -270,7 +262,6 @@ class CellKinds(dict[str, CellKind]):
         # In the quotes of a comma file "1,234" may be either.
         self._quoted = decimal == delimiter
         self._words = MISSING_WORDS.union(OVERFLOWS, words)
-        self._shapes: dict[str, int] = {}
 
     def __missing__(self, cell: str) -> CellKind:
         kind = self[cell] = self._judge(cell)
@@ -285,24 +276,12 @@ class CellKinds(dict[str, CellKind]):
             return "word"
         # Most other cells of a log are several numbers, split at the wrong mark.
         is_listed = not cell.strip(_NUMERIC_CHARACTERS) and any(mark in cell for mark in ",;|\t")
-        if not is_listed and self._is_stamp(cell):
+        if not is_listed and is_stamp(cell):
             return "stamp"
         if is_grouped(cell) or NUMBER[OTHER_MARK[self.decimal]].fullmatch(cell):
             return "grouped" if is_grouped(cell) else "other number"
         measure = split_measure(cell)
         return "measure" if measure is not None and is_measure(measure[1]) else "text"
-
-    def _is_stamp(self, cell: str) -> bool:
-        """Whether a cell is a stamp; cells that differ in their digits only are judged by the first few."""
-        shape = cell.translate(ANY_DIGIT)
-        if len(cell) < _MIN_SHAPE or len(cell) - shape.count("0") < 2:
-            return is_stamp(cell)  # 12.50 may be a clock, 99.50 is not
-        known = self._shapes.get(shape, 0)
-        if abs(known) >= _MIN_JUDGED:
-            return known > 0
-        found = is_stamp(cell)
-        self._shapes[shape] = known + (1 if found else -1)
-        return found
 
 
 def only_text(cells: Sequence[str], decimal: str) -> bool:
@@ -393,34 +372,25 @@ def number_form(
     """
     plain = NumberForm(wanted or kinds.decimal)
     numeric = [cell for cell in cells if kinds[cell] in NUMERIC]
-    measures = [cell for cell in numeric if kinds[cell] == "measure"]
-    if plain.decimal == kinds.decimal and all(kinds[cell] == "number" for cell in numeric):
-        return plain, None
-    suffix = ""
+    measures = [parts[1] for cell in numeric if kinds[cell] == "measure" and (parts := split_measure(cell))]
     if measures and 2 * len(measures) >= len(numeric):
-        suffix = Counter(parts[1] for cell in measures if (parts := split_measure(cell))).most_common(1)[0][0]
-    simple = replace(plain, suffix=suffix)
-    if all(kinds[cell] in ("number", "measure") for cell in numeric) and all(map(simple.fits, numeric)):
-        return simple, None  # 20.271C is no more in doubt than 20.271
+        plain = replace(plain, suffix=Counter(measures).most_common(1)[0][0])
+    if all(kinds[cell] in ("number", "measure") and plain.fits(cell) for cell in numeric):
+        return plain, None  # 20.271C is no more in doubt than 20.271
     # "1,234" above "2,345": English thousands rather than decimal commas.
-    marks = [
-        (kinds.decimal, False),
-        (kinds.decimal, True),
-        *((OTHER_MARK[kinds.decimal], n) for n in (False, True)),
-    ]
-    forms = [NumberForm(mark, grouped, suffix) for mark, grouped in marks if not wanted or mark == wanted]
+    marks = [wanted] if wanted else [kinds.decimal, OTHER_MARK[kinds.decimal]]
+    forms = [NumberForm(mark, thousands, plain.suffix) for mark in marks for thousands in (False, True)]
     counts = {form: sum(map(form.fits, numeric)) for form in forms}
     best = max(forms, key=lambda form: counts[form])
-    rivals = [
+    rivals = (
         form for form in forms if counts[form] == counts[best] and any(differ(form, best, cell) for cell in numeric)
-    ]
-    return best, next(iter(rivals), None)
+    )
+    return best, next(rivals, None)
 
 
 def differ(form: NumberForm, rival: NumberForm, cell: str) -> bool:
     """True where both forms read a cell, and read different numbers."""
-    both = form.fits(cell) and rival.fits(cell)
-    return both and None not in (read := (form.parse(cell), rival.parse(cell))) and read[0] != read[1]
+    return form.fits(cell) and rival.fits(cell) and len({form.parse(cell), rival.parse(cell)} - {None}) == 2
 
 
 # Long ("tidy") tables: one value per row, beside the name of what was measured, as databases export them.
