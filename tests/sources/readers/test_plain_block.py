@@ -127,35 +127,15 @@ def test_thousands_of_lines_in_many_blocks_are_the_same_to_both(tmp_path, by_lin
     assert_same_by_line(path)
 
 
-# Progress and cancel.
-
-
-@pytest.fixture(scope="module")
-def long_log(tmp_path_factory):
-    path = tmp_path_factory.mktemp("long") / "log.csv"
-    path.write_text("t,a\n" + "".join(f"{i / 100:.2f},{i % 977}.25\n" for i in range(400_000)))
-    return path
-
-
 @pytest.mark.slow
-def test_progress_rises_to_the_end(long_log):
-    seen = []
-    read_recording(long_log, progress=lambda fraction, text: seen.append((fraction, text)))
-    fractions = [fraction for fraction, _ in seen]
+def test_progress_rises_to_the_end_and_a_cancelled_reading_leaves_no_thread(tmp_path):
+    path = tmp_path / "log.csv"
+    path.write_text("t,a\n" + "".join(f"{i / 100:.2f},{i % 977}.25\n" for i in range(400_000)))
+    fractions, before, asked = [], threading.active_count(), iter([False, False])
+    read_recording(path, progress=lambda fraction, _: fractions.append(fraction))
     assert len(fractions) > 3
     assert fractions == sorted(fractions)
     assert 0 <= fractions[0] <= fractions[-1] <= 1
-    assert {text for _, text in seen} == {"reading"}
-
-
-@pytest.mark.slow
-def test_reading_can_be_cancelled_and_leaves_no_thread(long_log):
-    before, asked = threading.active_count(), []
-
-    def cancelled():
-        asked.append(True)
-        return len(asked) > 2
-
     with pytest.raises(Cancelled, match="cancelled"):
-        read_recording(long_log, cancelled=cancelled)
+        read_recording(path, cancelled=lambda: next(asked, True))
     assert threading.active_count() == before

@@ -144,8 +144,12 @@ class _TableReader:
             self.tally.lines["blank" if is_blank(line, self._layout.form.delimiter) else kind] += 1
             self._number += 1
         lines = np.frombuffer(data, dtype=np.uint8, count=whole)
+        while at < whole and self._form is not None:
+            at = self._take_block(data, lines, at, self._form)
         while at < whole:
-            at = self._take_line(data, at) if self._form is None else self._take_block(data, lines, at, self._form)
+            line, at = _line_at(data, at)
+            self.rows.add(self.rows.of(self.tally.take(self.reader.read(self._number, line))))
+            self._number += 1
         if at < len(data):
             above = (self._above + data[:whole]).decode().split("\n")[-1 - TAIL_LINES : -1]
             event = self.reader.read_last(self._number, data[whole:].decode(), [] if growing else above)
@@ -174,13 +178,6 @@ class _TableReader:
         self.tally.lines["row"] += count - len(whole)
         self.rows.extend(self._out[:count] if kept.all() else self._out[:count][kept])
         return end
-
-    def _take_line(self, data: bytes, at: int) -> int:
-        """Take one line, of any kind; the place after it."""
-        line, at = _line_at(data, at)
-        self.rows.add(self.rows.of(self.tally.take(self.reader.read(self._number, line))))
-        self._number += 1
-        return at
 
 
 def row_form(layout: Layout, options: ReadOptions, reader: LineReader) -> RowForm | None:
