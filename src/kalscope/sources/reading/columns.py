@@ -247,6 +247,8 @@ NUMERIC: tuple[CellKind, ...] = ("number", "other number", "grouped", "measure")
 """The kinds that are numbers."""
 
 _NUMERIC_CHARACTERS = "0123456789.,+-eE;| \t"
+_MIN_SHAPE, _MIN_JUDGED = 8, 3
+"""Characters from which the shape of a cell shows a stamp, and how many cells of the shape must agree."""
 _HEXADECIMAL = re.compile(r"(?:0[xX])?[0-9A-Fa-f]{2,16}")
 _MIN_REPEATED = 3
 """How often the one word of an otherwise numeric column must occur to mean "no sample"."""
@@ -262,6 +264,7 @@ class CellKinds(dict[str, CellKind]):
         # In the quotes of a comma file "1,234" may be either.
         self._quoted = decimal == delimiter
         self._words = MISSING_WORDS.union(OVERFLOWS, words)
+        self._shapes = defaultdict[str, list[bool]](list)
 
     def __missing__(self, cell: str) -> CellKind:
         kind = self[cell] = self._judge(cell)
@@ -276,12 +279,22 @@ class CellKinds(dict[str, CellKind]):
             return "word"
         # Most other cells of a log are several numbers, split at the wrong mark.
         is_listed = not cell.strip(_NUMERIC_CHARACTERS) and any(mark in cell for mark in ",;|\t")
-        if not is_listed and is_stamp(cell):
+        if not is_listed and self._is_stamp(cell):
             return "stamp"
         if is_grouped(cell) or NUMBER[OTHER_MARK[self.decimal]].fullmatch(cell):
             return "grouped" if is_grouped(cell) else "other number"
         measure = split_measure(cell)
         return "measure" if measure is not None and is_measure(measure[1]) else "text"
+
+    def _is_stamp(self, cell: str) -> bool:
+        """Whether a cell is a stamp; those that differ in their digits only are judged by the first few, if these agree."""
+        shape = cell.translate(ANY_DIGIT)
+        if len(cell) < _MIN_SHAPE or len(cell) - shape.count("0") < 2:
+            return is_stamp(cell)  # 12.50 may be a clock, 99.50 is not
+        judged = self._shapes[shape]
+        if len(judged) < _MIN_JUDGED:
+            judged.append(is_stamp(cell))
+        return judged[0] if len(set(judged)) == 1 else is_stamp(cell)
 
 
 def only_text(cells: Sequence[str], decimal: str) -> bool:
@@ -375,7 +388,8 @@ def number_form(
     measures = [parts[1] for cell in numeric if kinds[cell] == "measure" and (parts := split_measure(cell))]
     if measures and 2 * len(measures) >= len(numeric):
         plain = replace(plain, suffix=Counter(measures).most_common(1)[0][0])
-    if all(kinds[cell] in ("number", "measure") and plain.fits(cell) for cell in numeric):
+    usual = ("number",) if plain.decimal == kinds.decimal else ()
+    if all(kinds[cell] in usual or (kinds[cell] in ("number", "measure") and plain.fits(cell)) for cell in numeric):
         return plain, None  # 20.271C is no more in doubt than 20.271
     # "1,234" above "2,345": English thousands rather than decimal commas.
     marks = [wanted] if wanted else [kinds.decimal, OTHER_MARK[kinds.decimal]]
