@@ -287,7 +287,7 @@ class CellKinds(dict[str, CellKind]):
         return "measure" if measure is not None and is_measure(measure[1]) else "text"
 
     def _is_stamp(self, cell: str) -> bool:
-        """Whether a cell is a stamp; those that differ in their digits only are judged by the first few, if these agree."""
+        """Whether a cell is a stamp; of those that differ in their digits only, the first few stand for all."""
         shape = cell.translate(ANY_DIGIT)
         if len(cell) < _MIN_SHAPE or len(cell) - shape.count("0") < 2:
             return is_stamp(cell)  # 12.50 may be a clock, 99.50 is not

@@ -223,10 +223,8 @@ def comma_line(parser: LineParser, line: bytes) -> str:
     """
     parser.feed(line if line.endswith(b"\n") else line + b"\n")
     events, layout = list(parser), parser.layout
-    if len(events) != 1 or events[0].kind != "row" or layout is None:
-        return _decoded(line)
-    form = layout.form
-    if form.kind == "table" and (form.delimiter, form.stamped, form.checksum) == (",", False, False):
+    form = LineFormat() if layout is None else replace(layout.form, decimal=".")
+    if layout is None or form == LineFormat() or [event.kind for event in events] != ["row"]:
         return _decoded(line)
     return ",".join("" if math.isnan(x := events[0].rows[-1][i]) else repr(x) for i in layout.channels)
 
@@ -240,11 +238,7 @@ def _decoded(line: bytes | bytearray) -> str:
 
 def _without_layout(number: int, line: str) -> LineEvent:
     """A line before any data: boot text, or a failed attempt at a number (`12abc`, `0x1F`, `Infinity`)."""
-    kind: Kind = "text"
-    if is_blank(line):
-        kind = "blank"
-    elif is_comment(line):
-        kind = "comment"
-    elif re.match(r"\s*[-+]?(?:[0-9]|\.[0-9]|inf)", line, re.IGNORECASE):
+    kind: Kind = "blank" if is_blank(line) else "comment" if is_comment(line) else "text"
+    if kind == "text" and re.match(r"\s*[-+]?(?:[0-9]|\.[0-9]|inf)", line, re.IGNORECASE):
         return rejected(number, line, "must be numbers, or name:value pairs")
     return LineEvent(number, kind, line[:MAX_ISSUE_LENGTH])
