@@ -121,10 +121,8 @@ class LiveLines:
     def feed(self, received: BytesReceived) -> Iterator[LineEvent]:
         """The lines that are complete. Take them all before the next bytes."""
         self._boot = received.end - self._opened <= BOOT_SECONDS
-        if self._may_prime and self.layout is None and received.data.startswith(b">"):
-            self._parser.adopt_layout(
-                received.data.decode("utf-8", "replace").splitlines()
-            )  # all variables at once
+        if self._may_prime and received.data.startswith(b">"):  # all variables of Teleplot at once
+            self._parser.prime(received.data.decode("utf-8", "replace").splitlines())
         self._may_prime = False
         if not self._raw and received.silence > _SILENCE:
             if not self._held:

@@ -185,12 +185,11 @@ def no_table(name: str, lines: Sequence[str], options: ReadOptions) -> BadFile:
         got = f"{', '.join(some)}: {_quoted(texts[next(iter(widths.values()))])}"
     given = " ".join(option_words(options))
     instead = f"leave out {given}" if given else "try --delimiter, --decimal, --header-row or --time-column"
-    if max(widths, default=0) > MAX_COLUMNS:
+    must = "one sample per line, all of one width"
+    if len(widths) == 1 and max(widths) > MAX_COLUMNS:
+        must = f"of at most {MAX_COLUMNS} columns"
         instead = "write the columns that matter to a file of their own"
-    return BadFile(
-        f"{name} must be a table of numbers, one sample per line, all of one width, at most {MAX_COLUMNS} columns"
-        f" (got {got}): {instead}"
-    )
+    return BadFile(f"{name} must be a table of numbers, {must} (got {got}): {instead}")
 
 
 def no_channel(name: str, lines: Sequence[str]) -> BadFile:

@@ -186,6 +186,12 @@ class LineParser:
         columns = (*layout.columns, Column(plot.name, plot.unit))
         self._reader = LineReader(replace(layout, form=form, columns=columns), self._options)
 
+    def prime(self, lines: Sequence[str]) -> None:
+        """Take the variables of lines of Teleplot that are still to come: one layout for all, if none is known."""
+        layout = self._other_layout(lines) if self._reader is None and lines else None
+        if layout is not None and layout.form.kind == "teleplot":
+            self._reader = LineReader(layout, self._options)
+
     def _other_layout(self, head: Sequence[str]) -> Layout | None:
         """The layout of these lines where they surely show one, and another than is known.
 
