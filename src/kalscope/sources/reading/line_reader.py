@@ -77,7 +77,7 @@ class LineReader:
         }
         self._words = {i: MISSING_WORDS | layout.columns[i].words for i in layout.channels}
         self._silent = options.missing_texts
-        self._numbers = frozenset((*options.missing_numbers, *map(plain.parse, self._silent))) - {None}
+        self._numbers = frozenset((*options.missing_numbers, *map(plain.parse, self._silent))) - {None, math.nan}
         self._stamp = None
         if layout.time is not None:
             self._stamp = row_stamp_parser(layout.time, self._form.decimal)
@@ -218,11 +218,9 @@ class LineReader:
     def value(self, column: int, cell: str) -> float | None:
         """The number in a cell that is read, or its stamp; NaN where it is missing; None for any other text."""
         value = self._parsers[column](cell)
-        if column not in self._words:
-            return value
-        if value is None:
-            return math.nan if cell.lower() in self._silent else None
-        return math.nan if value in self._numbers else value
+        if value is None and column in self._words and cell.lower() in self._silent:
+            return math.nan
+        return math.nan if self._numbers and column in self._words and value in self._numbers else value
 
     def _whole(self, cells: list[str]) -> list[str]:
         """The cells of a row, one per column: an extra separator at the end removed, missing last cells added.
