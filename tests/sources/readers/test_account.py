@@ -26,14 +26,10 @@ def read(tmp_path):
     return read_lines
 
 
-def plain_spaces(text):
-    return text.replace(THIN_SPACE, " ")
-
-
-def test_a_clean_file_is_summed_up_in_one_line(read):
-    recording = read(ROWS)
-    assert summary(recording) == "200 rows, 2 channels, 50.0 Hz"
-    assert warnings(recording) == ()
+def test_a_clean_file_is_summed_up_in_one_line_with_its_many_comments(read):
+    assert summary(read(["# a remark", *ROWS])) == "200 rows, 2 channels, 50.0 Hz"
+    assert summary(read([*["# a remark"] * 9, *ROWS])).endswith("50.0 Hz; 9 comment and text lines")
+    assert warnings(read(ROWS)) == ()
 
 
 SPOILT = {
@@ -85,8 +81,3 @@ def test_nothing_unprintable_of_a_file_is_said():
     recording = Recording(np.arange(9.0), ("a",), ("",), np.zeros((9, 1)), None, report)
     said = [summary(recording), *warnings(recording), *account(recording).splitlines()]
     assert all(c.isprintable() or c == THIN_SPACE for line in said for c in line)
-
-
-def test_many_lines_that_hold_no_samples_are_counted(read):
-    assert summary(read(["# a remark", *ROWS])) == "200 rows, 2 channels, 50.0 Hz"
-    assert summary(read([*["# a remark"] * 9, *ROWS])).endswith("50.0 Hz; 9 comment and text lines")

@@ -1,4 +1,4 @@
-"""Bytes of a file: their text, found without the reader under test, and damage to them."""
+"""The text of the bytes of a file, found without the reader under test."""
 
 import codecs
 
@@ -13,20 +13,3 @@ def decoded(data):
         return data.decode("utf-8")
     except UnicodeDecodeError:
         return data.decode("latin-1")
-
-
-def damaged(data, changes):
-    """The bytes after changes, each (flip, cut, end, insert or line; place; byte, length or bytes)."""
-    data = bytearray(data)
-    for kind, place, what in changes:
-        at = min(place, len(data))
-        if kind == "flip" and at < len(data):
-            data[at] = what
-        elif kind == "cut":
-            del data[at : at + what]
-        elif kind == "end":
-            del data[at:]
-        elif kind in ("insert", "line"):
-            at = data.rfind(b"\n", 0, at) + 1 if kind == "line" else at
-            data[at:at] = what
-    return bytes(data)

@@ -220,38 +220,22 @@ _SPELLED = {"second": "s", **dict.fromkeys(("-", "--", "no_units", "unitless"), 
 """Units in lower case that are written as their symbols."""
 MAX_UNIT = 24
 """Most characters of a unit that is recognised only by a sign such as / or °."""
-_SIGNS = re.compile(r"[/^°²³%µ]")
-# Suffixes of a channel's name that can hardly be anything else; one letter (a_g, a_x) could be.
-_SUFFIX_UNITS = words(
-    """
-    mm cm km mv ma mg ms us degc degf hpa kpa mbar hz lux ppm ppb rpm dps kg
-    """
-)
+SUFFIX_UNITS = words("mm cm km mv ma mg ms us degc degf hpa kpa mbar hz lux ppm ppb rpm dps kg")
+"""Suffixes of a channel's name that can hardly be anything else; one letter (a_g, a_x) could be."""
 
 
-def is_unit(text: str) -> bool:
-    """True for a known unit, and for a text with a sign that only units have."""
+def is_unit(text: str, *, alone: bool = False) -> bool:
+    """True for a known unit, and for a text with a sign that only units have; `alone`, Date/Time is none."""
     text = text.strip().lower()
-    spaced = "deg" in text and text.replace(" ", "") in _UNITS
-    marked = len(text) <= MAX_UNIT and ":" not in text and _SIGNS.search(text) is not None
-    return text in _UNITS or spaced or marked
-
-
-def _is_unit_alone(text: str) -> bool:
-    """True for a unit with nothing around it: m/s is one, Date/Time and Load[%] are not."""
-    parts = [part.strip("()^-+23 ") for part in text.lower().split("/")]
-    marked = any(mark in text for mark in "°²³%µ") and "[" not in text and "(" not in text
-    return marked or all(part in _UNITS for part in parts)
+    parts = [part.strip("()^-+23 ") for part in text.replace("deg ", "deg").split("/")]
+    signs = set("°²³%µ" if alone else "/^°²³%µ")
+    marked = len(text) <= MAX_UNIT and signs.intersection(text) and not set("[(:").intersection(text)
+    return bool(marked) or text in _UNITS or all(part in _UNITS for part in parts)
 
 
 def is_measure(text: str) -> bool:
     """True for a unit that may follow each number of a column: the C of 26.69C, the % of 45%."""
     return text.removesuffix("DC").removesuffix("AC").rstrip().lower() in _UNITS  # a multimeter writes 3.3 V DC
-
-
-def is_unit_suffix(text: str) -> bool:
-    """True for a unit that may end a name: the cm of Distance_cm."""
-    return text.lower() in _SUFFIX_UNITS
 
 
 def bare_unit(unit: str) -> str:
@@ -264,33 +248,24 @@ def bare_unit(unit: str) -> str:
 def are_units(cells: tuple[str, ...]) -> bool:
     """True for a row of units: half of its cells or more are known, the others are short or "-", none is long."""
     said = [cell for cell in cells if cell and cell != "-"]
-    known = sum(cell != bare_unit(cell) or _is_unit_alone(cell) for cell in said)
+    known = sum(cell != bare_unit(cell) or is_unit(cell, alone=True) for cell in said)
     return known > 0 and 2 * known >= len(said) and all(len(cell) <= 16 for cell in said)
 
 
 # Units of time and the words for them.
 
 
-SECONDS_PER_UNIT = {
-    "s": 1.0,
-    "ms": 1e-3,
-    "us": 1e-6,
-    "ns": 1e-9,
-    "min": 60.0,
-    "h": 3600.0,
-    "day": 86400.0,
-    "year": 31557600.0,  # the Julian year of 365.25 days
+_TIME_UNITS = {
+    "s": (1.0, "s sec secs second seconds"),
+    "ms": (1e-3, "ms msec msecs millis millisecond milliseconds"),
+    "us": (1e-6, "us µs μs usec usecs micros microsecond microseconds"),
+    "ns": (1e-9, "ns nsec nsecs nanos nanosecond nanoseconds"),
+    "min": (60.0, "min mins minute minutes"),
+    "h": (3600.0, "h hr hour hours"),
+    "day": (86400.0, "d day days"),
+    "year": (31557600.0, "year years yr yrs"),  # the Julian year of 365.25 days
 }
+SECONDS_PER_UNIT = {unit: seconds for unit, (seconds, _) in _TIME_UNITS.items()}
 """Seconds in one unit of time."""
-
-UNIT_OF_WORD = {
-    **dict.fromkeys(("s", "sec", "secs", "second", "seconds"), "s"),
-    **dict.fromkeys(("ms", "msec", "msecs", "millis", "millisecond", "milliseconds"), "ms"),
-    **dict.fromkeys(("us", "µs", "μs", "usec", "usecs", "micros", "microsecond", "microseconds"), "us"),
-    **dict.fromkeys(("ns", "nsec", "nsecs", "nanos", "nanosecond", "nanoseconds"), "ns"),
-    **dict.fromkeys(("min", "mins", "minute", "minutes"), "min"),
-    **dict.fromkeys(("h", "hr", "hrs", "hour", "hours"), "h"),
-    **dict.fromkeys(("d", "day", "days"), "day"),
-    **dict.fromkeys(("year", "years", "yr", "yrs"), "year"),
-}
+UNIT_OF_WORD = {word: unit for unit, (_, said) in _TIME_UNITS.items() for word in said.split()}
 """The unit that a word in a header names, lower case."""

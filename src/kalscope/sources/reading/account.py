@@ -14,7 +14,7 @@ from kalscope.errors import BadFile
 from kalscope.recording import LineIssue, Recording
 from kalscope.sources.grammar.cells import is_blank, is_comment, is_number, split_fields
 from kalscope.sources.grammar.read_options import DELIMITERS, OPTIONS, ReadOptions, option_words
-from kalscope.sources.reading.axis import find_rate, jitter_of, steps_words
+from kalscope.sources.reading.axis import jitter_of, steps_words
 from kalscope.sources.reading.sniffer import MAX_COLUMNS
 
 # How a recording was read, as text: one line of summary, warnings, and the account of every line.
@@ -45,15 +45,14 @@ def summary(recording: Recording) -> str:
 def warnings(recording: Recording) -> tuple[str, ...]:
     """Sentences where so much could not be read that every number that follows may be wrong; usually none."""
     report, found = recording.report, list[str]()
-    cells = [issue for issue in report.issues if issue.column is not None]
-    lines = [issue for issue in report.issues if issue.column is None]
-    rejected = report.rejected / max(1, report.rejected + report.rows)
-    if rejected > MAX_SHARE and report.rejected > 1:
-        found.append(f"{percent(rejected)} of the lines were rejected{_first(lines)}")
-    bad = report.bad_cells / max(1, report.rows * len(recording.names))
-    if bad > MAX_SHARE and report.bad_cells > 1:
-        found.append(f"{percent(bad)} of the cells are not numbers{_first(cells)}")
-    return tuple(_plain(sentence) for sentence in found)
+    cells, lines = report.rows * len(recording.names), report.rejected + report.rows
+    kinds = (("lines were rejected", report.rejected, lines), ("cells are not numbers", report.bad_cells, cells))
+    for what, bad, of in kinds:
+        if bad > max(1.0, MAX_SHARE * of):
+            issues = (issue for issue in report.issues if (issue.column is None) == (what == kinds[0][0]))
+            first = "".join(f", the first is {_issue(issue, 60)}" for issue in islice(issues, 1))
+            found.append(f"{percent(bad / of)} of the {what}{first}")
+    return tuple(map(_plain, found))
 
 
 def read_as(recording: Recording) -> tuple[str, ...]:
@@ -84,10 +83,6 @@ def _rate(recording: Recording) -> str:
     return rate + steps_words(jitter_of(recording))
 
 
-def _first(issues: list[LineIssue]) -> str:
-    return f", the first is {_issue(issues[0], 60)}" if issues else ""
-
-
 def _issue(issue: LineIssue, length: int = 200) -> str:
     where = f"line {issue.line}" + (f', "{issue.column}"' if issue.column else "")
     return f"{where}: {issue.reason} (got {issue.text[:length]!r})"
@@ -99,49 +94,42 @@ def account(recording: Recording) -> str:
     Every line of the file is in exactly one of the counts.
     """
     report, n = recording.report, len(recording)
-    samples = "sample" if n == 1 else "samples"
-    lines = [f"{recording.title or 'recording'}: {n} {samples} of {_channels(recording)}"]
+    channels = (
+        f"{name} [{unit}]" if unit else name for name, unit in zip(recording.names, recording.units, strict=True)
+    )
+    lines = [f"{recording.title or 'recording'}: {n} {'sample' if n == 1 else 'samples'} of {', '.join(channels)}"]
     lines += [f"  warning: {sentence}" for sentence in warnings(recording)]
     if recording.sample_period is not None:
         lines.append(f"  one sample every {recording.sample_period:.9g} s")
-    parts = [
-        (report.rows, "with data"),
-        (report.rejected, "rejected"),
-        (report.blank, "blank"),
-        (report.comments, "comments and text"),
-        (report.headers, "header"),
-    ]
-    counts = " + ".join(f"{number} {what}" for number, what in parts if number)
+    parts = {
+        "with data": report.rows,
+        "rejected": report.rejected,
+        "blank": report.blank,
+        "comments and text": report.comments,
+        "header": report.headers,
+    }
     if report.lines:  # a synthetic signal has none
+        counts = " + ".join(f"{number} {what}" for what, number in parts.items() if number)
         lines.append(f"  {report.lines} lines = {counts}")
-    for number, what in (
-        (report.bad_cells, "cells are not numbers: missing samples"),
-        (report.clipped_times, "steps back in time, each filtered as dt = 0"),
-        (report.inserted, "rows of missing samples inserted into gaps in time"),
-    ):
-        if number:
-            lines.append(f"  {number} {what}")
-    lines += [f"  {note}" for note in report.notes]
-    lines += [f"  {_issue(issue)}" for issue in report.issues]
+    facts = {
+        "cells are not numbers: missing samples": report.bad_cells,
+        "steps back in time, each filtered as dt = 0": report.clipped_times,
+        "rows of missing samples inserted into gaps in time": report.inserted,
+    }
+    lines += [f"  {number} {what}" for what, number in facts.items() if number]
+    lines += [f"  {note}" for note in (*report.notes, *map(_issue, report.issues))]
     more = report.rejected + report.bad_cells - len(report.issues)
-    if more > 0:
-        lines.append(f"  and {more} more")
+    lines += [f"  and {more} more"] if more > 0 else []
     return "".join(f"{_plain(line)}\n" for line in lines)
 
 
 def sample_period_conflict(recording: Recording) -> str:
     """A sentence where the sample period is not that of the recording's own time; "" where they agree to 1 %."""
     timing, period = recording.report.timing, recording.sample_period
-    rate = find_rate(recording.time) if timing is None else None
-    own = timing.stamps_period if timing is not None else rate and rate.period
+    own = timing and timing.stamps_period
     if period is None or own is None or abs(period - own) <= 0.01 * own:
         return ""
     return f"the sample period is taken as {period:.6g} s; by its time it would be {own:.6g} s"
-
-
-def _channels(recording: Recording) -> str:
-    pairs = zip(recording.names, recording.units, strict=True)
-    return ", ".join(f"{name} [{unit}]" if unit else name for name, unit in pairs)
 
 
 def _plain(line: str) -> str:
@@ -156,91 +144,74 @@ MAX_TEXT = 60
 MAX_LINES, MAX_LINE = 2000, 16_384
 """Lines that are looked at for the reason, and characters of each."""
 
-_MARKUP = {
-    ("<!doctype html", "<html", "<head", "<body"): "a web page: download the file itself",
-    ("<?xml", "<gpx", "<kml"): "an XML document: export it as CSV",
+_FOREIGN = {
+    "a web page: download the file itself": re.compile(r"<!doctype html|<html|<head|<body", re.IGNORECASE),
+    "an XML document: export it as CSV": re.compile(r"<\?xml|<gpx|<kml", re.IGNORECASE),
+    "raw frames of candump: cantools decode --single-line FILE.dbc writes their signals": re.compile(
+        r"(?:\([0-9.]{1,20}\)\s{0,9})?v?can[0-9]{1,3}\s+[0-9A-Fa-f]{3,8}(?:#|\s+\[[0-9]+\])"
+    ),
 }
-_CANDUMP = re.compile(r"(?:\([0-9.]{1,20}\))?\s{0,9}v?can[0-9]{1,3}\s+[0-9A-Fa-f]{3,8}(?:#|\s+\[[0-9]+\])")
-_TRIES = {
-    "must have a readable": "--time-format, or --time-column none",
-    "must have": "--delimiter, --decimal or --header-row",
-    "must end with": "--delimiter",
-}
-"""What to try, by how the reason of a rejected line begins."""
+"""How the first line of a text begins that is no table, although its lines may hold numbers."""
 
 
-def refuse_markup(name: str, lines: Sequence[str]) -> None:
-    """Raise BadFile where a text begins as a web page or an XML document: its lines may still hold numbers."""
+def refuse_foreign(name: str, lines: Sequence[str]) -> None:
+    """Raise BadFile where a text begins as a web page, an XML document or frames of a bus."""
     number, line = next(((i, line.strip()) for i, line in enumerate(lines, 1) if line.strip()), (0, ""))
-    for starts, what in _MARKUP.items():
-        if line[:MAX_TEXT].lstrip("\ufeff").lower().startswith(starts):
+    for what, begin in _FOREIGN.items():
+        if begin.match(line[:MAX_TEXT].lstrip("\ufeff")):
             raise BadFile(f"{name} must be a table of numbers (got, in line {number}, {_quoted(line)}: {what})")
 
 
 def no_table(name: str, lines: Sequence[str], options: ReadOptions) -> BadFile:
     """The refusal of a text in which no layout was found; `lines` are those at its beginning."""
-    numbered = [(number, line[:MAX_LINE].strip()) for number, line in enumerate(lines[:MAX_LINES], 1)]
-    said = [(number, line) for number, line in numbered if not is_blank(line) and not is_comment(line)]
-    if not said:
+    texts = {number: line[:MAX_LINE].strip() for number, line in enumerate(lines[:MAX_LINES], 1)}
+    texts = {number: text for number, text in texts.items() if not is_blank(text) and not is_comment(text)}
+    if not texts:
         return BadFile(f"{name} must hold lines of numbers (got {len(lines)} blank or comment lines)")
-    last, text = said[-1]
-    if len(said) <= 2 and not _numbers(text, ","):
+    (first, *_, last) = (*texts, *texts)
+    if len(texts) <= 2 and not _numbers(texts[last], ","):
         return BadFile(
-            f"{name} must hold numbers below its header (got only line {said[0][0]}: {_quoted(said[0][1])})"
+            f"{name} must hold numbers below its header (got only line {first}: {_quoted(texts[first])})"
         )
-    if _CANDUMP.match(text):
-        return _raw_frames(name)
-    mark = max(DELIMITERS, key=lambda mark: sum(_numbers(line, mark) for _, line in said))
+    mark = max(DELIMITERS, key=lambda mark: sum(_numbers(text, mark) for text in texts.values()))
     widths: dict[int, int] = {}
-    for number, line in said:
-        width = len(split_fields(line, mark))
-        if _numbers(line, mark) > 0.5 * width:
+    for number, text in texts.items():
+        width = len(split_fields(text, mark))
+        if _numbers(text, mark) > 0.5 * width:
             widths.setdefault(width, number)
-    if len(widths) == 1 and max(widths) > MAX_COLUMNS:
-        return BadFile(
-            f"{name} must be a table of numbers, of at most {MAX_COLUMNS} columns (got {max(widths)} fields in line"
-            f" {widths[max(widths)]}): write the columns that matter to a file of their own"
-        )
-    got = f"text such as line {last}: {_quoted(text)}"
+    got = f"text such as line {last}: {_quoted(texts[last])}"
     if widths:
         some = [f"{_many(width, 'field')} in line {number}" for width, number in islice(widths.items(), 2)]
-        got = f"{', '.join(some)}: {_quoted(dict(said)[next(iter(widths.values()))])}"
+        got = f"{', '.join(some)}: {_quoted(texts[next(iter(widths.values()))])}"
     given = " ".join(option_words(options))
     instead = f"leave out {given}" if given else "try --delimiter, --decimal, --header-row or --time-column"
-    return BadFile(
-        f"{name} must be a table of numbers, one sample per line, all of one width (got {got}): {instead}"
-    )
+    must = "one sample per line, all of one width"
+    if len(widths) == 1 and max(widths) > MAX_COLUMNS:
+        must = f"of at most {MAX_COLUMNS} columns"
+        instead = "write the columns that matter to a file of their own"
+    return BadFile(f"{name} must be a table of numbers, {must} (got {got}): {instead}")
 
 
 def no_channel(name: str, lines: Sequence[str]) -> BadFile:
     """The refusal of a table that has only a time."""
     last = next((line.strip() for line in reversed(lines) if not is_blank(line) and not is_comment(line)), "")
-    if _CANDUMP.match(last):
-        return _raw_frames(name)
     return BadFile(
         f"{name} must hold a column of numbers besides the time (got only text, as in {_quoted(last)}): try"
         " --decimal, or --time-column none where the time is the signal"
     )
 
 
-def _raw_frames(name: str) -> BadFile:
-    return BadFile(
-        f"{name} must be a table of numbers (got raw frames of candump): cantools decode --single-line FILE.dbc"
-        " writes their signals, where FILE.dbc describes them"
-    )
-
-
 def no_rows(name: str, rejected: int, issues: Sequence[LineIssue]) -> BadFile:
     """The refusal of a file that looked like a table in its head, but of which no line could be read."""
-    lines = [issue for issue in issues if issue.column is None]
-    if not lines:
-        return BadFile(f"{name} must hold a whole line of numbers (got {rejected} rejected lines: no data lines)")
-    reason = Counter(issue.reason for issue in lines).most_common(1)[0][0]
-    first = next(issue for issue in lines if issue.reason == reason)
-    instead = next((f": try {words}" for start, words in _TRIES.items() if reason.startswith(start)), "")
+    reasons = Counter(issue.reason for issue in issues if issue.column is None)
+    if not reasons:
+        return BadFile(f"{name} must hold a whole line of numbers (got no data lines)")
+    reason = max(reasons, key=lambda reason: reasons[reason])
+    first = next(issue for issue in issues if issue.reason == reason)
+    advice = ": try --delimiter, --decimal or --time-column none" if reason.startswith("must have") else ""
     return BadFile(
         f"{name} must hold a whole line of numbers (got {rejected} rejected lines, line {first.line}: {reason},"
-        f" {_quoted(first.text)}){instead}"
+        f" {_quoted(first.text)}){advice}"
     )
 
 

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import re
-from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections import Counter, defaultdict
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
+from itertools import count, islice, pairwise
 from typing import Literal, NamedTuple
 
 from kalscope.errors import BadSetting
@@ -17,12 +17,12 @@ from kalscope.sources.grammar.cells import (
     NUMBER,
     OTHER_MARK,
     OVERFLOWS,
+    SUFFIX_UNITS,
     NumberForm,
     is_grouped,
     is_measure,
     is_number,
     is_unit,
-    is_unit_suffix,
     split_measure,
     words,
 )
@@ -65,16 +65,13 @@ def shaped(lines: Sequence[HeadLine]) -> list[HeadLine]:
     return [HeadLine(line.number, line.text, line.stamp, shape) for line, shape in zip(lines, shapes, strict=True)]
 
 
-def first_of_each_shape(lines: Iterable[HeadLine]) -> dict[str, Sequence[str]]:
+def first_of_each_shape(lines: Iterable[HeadLine]) -> Mapping[str, Sequence[str]]:
     """The texts of the first few lines of each shape."""
-    found: dict[str, list[str]] = {}
+    found = defaultdict[str, list[str]](list)
     for line in lines:
-        texts = found.get(line.shape)
-        if texts is None:
-            found[line.shape] = [line.text]
-        elif len(texts) < _MAX_OF_SHAPE:
+        if len(texts := found[line.shape]) < _MAX_OF_SHAPE:
             texts.append(line.text)
-    return {shape: tuple(texts) for shape, texts in found.items()}
+    return found
 
 
 # What the columns of a log are: names, units, the time, text. Pure functions on cells.
@@ -84,7 +81,6 @@ Role = Literal["channel", "time", "text", "row name", "row number", "metadata", 
 """How a column is used; "metadata" is beside the data in the first rows only."""
 
 _INDEX = re.compile(r"\s*(?:[0-9]+|[xyzijk])\s*", re.IGNORECASE)
-_SUFFIX = re.compile(r"[A-Za-zµμ%]+")
 
 
 HOST_AND_DEVICE = ("host time", "device time")
@@ -130,17 +126,13 @@ def named_column(text: str) -> Column:
             return Column(name.rstrip(), unit.strip())
     place = max(text.rfind("_"), text.rfind(" "))
     suffix = text[place + 1 :]
-    if place > 0 and _SUFFIX.fullmatch(suffix) and is_unit_suffix(suffix):
-        return Column(text, suffix)
-    return Column(text)
+    return Column(text, suffix if place > 0 and suffix.lower() in SUFFIX_UNITS else "")
 
 
 def _split_brackets(text: str) -> tuple[str, str]:
     """(`accel`, `m/s^2`) of `accel (m/s^2)`; ("", "") where the text does not end in a bracket."""
-    opening = {"]": "[", ")": "("}.get(text[-1:])
-    start = -1 if opening is None else text.rfind(opening)
-    inside = text[start + 1 : -1]
-    return ("", "") if start < 0 or text[-1] in inside else (text[:start].rstrip(), inside)
+    bare, opening, inside = text[:-1].rpartition({"]": "[", ")": "("}.get(text[-1:], "\n"))
+    return (bare.rstrip(), inside) if opening and text[-1] not in inside else ("", "")
 
 
 def role_of(column: Column, cells: Sequence[str], index: int, kind: ColumnType, width: int) -> Role:
@@ -159,9 +151,8 @@ def role_of(column: Column, cells: Sequence[str], index: int, kind: ColumnType, 
 def _is_row_number(name: str, cells: list[str]) -> bool:
     """True for Kalscope's own column of row numbers, and for a similarly named one that counts without a gap."""
     own = name == ROW_NUMBER_NAME
-    if not own and (name.lower() not in COUNTING_NAMES or len(cells) < _MIN_COUNTED):
-        return False
-    if not all(cell.isascii() and cell.isdecimal() and len(cell) < 18 for cell in cells):
+    named = own or (name.lower() in COUNTING_NAMES and len(cells) >= _MIN_COUNTED)
+    if not named or not all(cell.isascii() and cell.isdecimal() and len(cell) < 18 for cell in cells):
         return False
     numbers = [int(cell) for cell in cells]
     rising = numbers[0] <= 1 and all(b > a for a, b in pairwise(numbers))
@@ -196,17 +187,12 @@ def settle_roles(
 
 def distinct_names(names: list[str]) -> tuple[str, ...]:
     """Distinct names: the second `temp` becomes `temp 2`, those without a name `value 1`, `value 2`."""
-    given = {name for name in names if name}
     distinct: dict[str, None] = {}
-    counts: dict[str, int] = {}
     for i, name in enumerate(names, 1):
-        count = counts.get(name, 2) if name else i
-        candidate = name or f"value {count}"
+        numbered = (f"{name or 'value'} {k}" for k in count(2 if name else i))
         # A made-up name must not be the given name of a later column.
-        while candidate in distinct or (candidate != name and candidate in given):
-            candidate = f"{name or 'value'} {count}"
-            count += 1
-        distinct[candidate], counts[name] = None, count
+        free = (made for made in numbered if made not in distinct and made not in names)
+        distinct[name if name and name not in distinct else next(free)] = None
     return tuple(distinct)
 
 
@@ -273,7 +259,7 @@ class CellKinds(dict[str, CellKind]):
         # In the quotes of a comma file "1,234" may be either.
         self._quoted = decimal == delimiter
         self._words = MISSING_WORDS.union(OVERFLOWS, words)
-        self._shapes: dict[str, int] = {}
+        self._shapes = defaultdict[str, list[bool]](list)
 
     def __missing__(self, cell: str) -> CellKind:
         kind = self[cell] = self._judge(cell)
@@ -296,16 +282,14 @@ class CellKinds(dict[str, CellKind]):
         return "measure" if measure is not None and is_measure(measure[1]) else "text"
 
     def _is_stamp(self, cell: str) -> bool:
-        """Whether a cell is a stamp; cells that differ in their digits only are judged by the first few."""
+        """Whether a cell is a stamp; of those that differ in their digits only, the first few stand for all."""
         shape = cell.translate(ANY_DIGIT)
         if len(cell) < _MIN_SHAPE or len(cell) - shape.count("0") < 2:
             return is_stamp(cell)  # 12.50 may be a clock, 99.50 is not
-        known = self._shapes.get(shape, 0)
-        if abs(known) >= _MIN_JUDGED:
-            return known > 0
-        found = is_stamp(cell)
-        self._shapes[shape] = known + (1 if found else -1)
-        return found
+        judged = self._shapes[shape]
+        if len(judged) < _MIN_JUDGED:
+            judged.append(is_stamp(cell))
+        return judged[0] if len(set(judged)) == 1 else is_stamp(cell)
 
 
 def only_text(cells: Sequence[str], decimal: str) -> bool:
@@ -396,34 +380,26 @@ def number_form(
     """
     plain = NumberForm(wanted or kinds.decimal)
     numeric = [cell for cell in cells if kinds[cell] in NUMERIC]
-    measures = [cell for cell in numeric if kinds[cell] == "measure"]
-    if plain.decimal == kinds.decimal and all(kinds[cell] == "number" for cell in numeric):
-        return plain, None
-    suffix = ""
+    measures = [parts[1] for cell in numeric if kinds[cell] == "measure" and (parts := split_measure(cell))]
     if measures and 2 * len(measures) >= len(numeric):
-        suffix = Counter(parts[1] for cell in measures if (parts := split_measure(cell))).most_common(1)[0][0]
-    simple = replace(plain, suffix=suffix)
-    if all(kinds[cell] in ("number", "measure") for cell in numeric) and all(map(simple.fits, numeric)):
-        return simple, None  # 20.271C is no more in doubt than 20.271
+        plain = replace(plain, suffix=Counter(measures).most_common(1)[0][0])
+    usual = ("number",) if plain.decimal == kinds.decimal else ()
+    if all(kinds[cell] in usual or (kinds[cell] in ("number", "measure") and plain.fits(cell)) for cell in numeric):
+        return plain, None  # 20.271C is no more in doubt than 20.271
     # "1,234" above "2,345": English thousands rather than decimal commas.
-    marks = [
-        (kinds.decimal, False),
-        (kinds.decimal, True),
-        *((OTHER_MARK[kinds.decimal], n) for n in (False, True)),
-    ]
-    forms = [NumberForm(mark, grouped, suffix) for mark, grouped in marks if not wanted or mark == wanted]
+    marks = [wanted] if wanted else [kinds.decimal, OTHER_MARK[kinds.decimal]]
+    forms = [NumberForm(mark, thousands, plain.suffix) for mark in marks for thousands in (False, True)]
     counts = {form: sum(map(form.fits, numeric)) for form in forms}
     best = max(forms, key=lambda form: counts[form])
-    rivals = [
+    rivals = (
         form for form in forms if counts[form] == counts[best] and any(differ(form, best, cell) for cell in numeric)
-    ]
-    return best, next(iter(rivals), None)
+    )
+    return best, next(rivals, None)
 
 
 def differ(form: NumberForm, rival: NumberForm, cell: str) -> bool:
     """True where both forms read a cell, and read different numbers."""
-    both = form.fits(cell) and rival.fits(cell)
-    return both and None not in (read := (form.parse(cell), rival.parse(cell))) and read[0] != read[1]
+    return form.fits(cell) and rival.fits(cell) and len({form.parse(cell), rival.parse(cell)} - {None}) == 2
 
 
 # Long ("tidy") tables: one value per row, beside the name of what was measured, as databases export them.
@@ -475,28 +451,24 @@ def mark_series(
     texts = [i for i, column in enumerate(columns) if column.role == "text" and i not in times]
     names = [i for i in texts if bases[i] in _NAMES and i not in values]
     numbers = [i for i, column in enumerate(columns) if column.role == "channel" and i not in (*times, *values)]
-    if len(values) != 1 or not names or (numbers and not by_field) or len(rows) < _MIN_ROWS:
-        key = next(
-            (i for i in range(len(columns)) if i not in times and _is_key(i, columns, bases, rows, times)), None
-        )
-        if key is None:
-            return columns, []
-        columns = [replace(column, role="series") if i == key else column for i, column in enumerate(columns)]
-        count, named = len({row[key] for row in rows}), columns[key].name or f"column {key + 1}"
-        return columns, [Assumption(f'each row is of one of {count} sensors, by "{named}"')]
-    series = [i for i in texts if by_field and bases[i] not in _NO_TAGS] or names
-    series = sorted({*series, *(i for i in texts if bases[i] in UNIT_NAMES)} - {*values})
-    distinct = {tuple(row[i] for i in series) for row in rows}
-    if len(distinct) > len(rows) / 2 or not any(is_number(row[values[0]], decimal) for row in rows):
-        return columns, []
-    roles: dict[int, Role] = {
-        **dict.fromkeys(numbers, "text"),
-        **dict.fromkeys(series, "series"),
-        values[0]: "channel",
-    }
-    columns = [replace(column, role=roles.get(i, column.role)) for i, column in enumerate(columns)]
-    said = ", ".join(f'"{columns[i].name}"' for i in series)
-    return columns, [f"each row holds one value, named by {said}"]
+    roles: dict[int, Role] = {}
+    note = ""
+    if len(values) == 1 and names and (by_field or not numbers) and len(rows) >= _MIN_ROWS:
+        series = {i for i in texts if by_field and bases[i] not in _NO_TAGS} or {*names}
+        series = sorted({*series, *(i for i in texts if bases[i] in UNIT_NAMES)} - {*values})
+        distinct = {tuple(row[i] for i in series) for row in rows}
+        if len(distinct) <= len(rows) / 2 and any(is_number(row[values[0]], decimal) for row in rows):
+            roles = {**dict.fromkeys(numbers, "text"), **dict.fromkeys(series, "series"), values[0]: "channel"}
+        said = ", ".join(f'"{columns[i].name}"' for i in series)
+        note = f"each row holds one value, named by {said}"
+    else:
+        keys = (i for i in range(len(columns)) if i not in times and _is_key(i, columns, bases, rows, times))
+        for key in islice(keys, 1):
+            roles[key], name = "series", columns[key].name or f"column {key + 1}"
+            note = Assumption(f'each row is of one of {len({row[key] for row in rows})} sensors, by "{name}"')
+    return [replace(column, role=roles.get(i, column.role)) for i, column in enumerate(columns)], [
+        note
+    ] if roles else []
 
 
 def _is_key(index: int, columns: list[Column], bases: list[str], rows: list[Cells], times: tuple[int, ...]) -> bool:

@@ -13,7 +13,7 @@ from kalscope.sources.grammar.cells import DAMAGED, is_blank, is_comment, is_dam
 from kalscope.sources.grammar.line_format import LineFormat, split_teleplot, without_escapes
 from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
 from kalscope.sources.reading.columns import Column
-from kalscope.sources.reading.line_reader import TAIL_LINES, Kind, LineEvent, LineReader, rejected
+from kalscope.sources.reading.line_reader import Kind, LineEvent, LineReader, rejected
 from kalscope.sources.reading.sniffer import MAX_STREAM_COLUMNS, Layout, sniff
 
 # From a stream of bytes to the lines of a log: for live ports, stdin and replays.
@@ -39,11 +39,13 @@ _MIN_DISTINCT_ROWS, _MIN_ROWS = 3, 8
 """How many lines with words beside numbers are enough to take them for rows: different ones, or in all."""
 
 _SHORT_HEAD = 64
-"""A head without data is sniffed at every line up to this length, then whenever it has grown by a quarter."""
+"""A head without data is sniffed at every line up to this length, then whenever it has grown by a quarter; one of a
+known layout at the 1st, 2nd, 4th, 8th, … line that does not fit."""
 
 _MAX_NAMES = 1024
 """Names of Teleplot that were seen once and are remembered; damage on the wire makes a new one of each line."""
 
+_TELEPLOT = Layout(LineFormat("teleplot"), (), None, 1, frozenset(), (), ("each line is one variable of Teleplot",))
 _NEWLINE = re.compile(rb"[\r\n]")
 
 
@@ -53,25 +55,17 @@ class LineParser:
     Lines end with \n, \r\n or \r. They are UTF-8, or where they are not, Latin-1.
     """
 
-    def __init__(self, options: ReadOptions = DEFAULTS, *, layout: Layout | None = None) -> None:
-        """Begin a stream.
-
-        Args:
-            options: What is decided already; everything else is detected.
-            layout: How the lines are written, where that is known; it then never changes.
-        """
+    def __init__(self, options: ReadOptions = DEFAULTS) -> None:
+        """Begin a stream; `options` are what is decided already."""
         self._options = options
-        self._reader = LineReader(layout, options) if layout is not None else None
-        self._settled = layout is not None
+        self._reader: LineReader | None = None
+        self._settled = False
         self._buffer = bytearray()
         self._searched = 0  # bytes of the buffer known to hold no newline
-        self._after_cr = False
-        self._overlong = False
+        self._after_cr = self._overlong = False
         self._head: list[str] = []
         self._head_bytes = 0
-        self._misfits = 0
-        self._next_look = 0
-        self._before: deque[str] = deque(maxlen=TAIL_LINES)
+        self._misfits = self._next_look = 0
         self._seen_once: deque[str] = deque(maxlen=_MAX_NAMES)
         self._number = 0
         self.line = ""
@@ -127,7 +121,7 @@ class LineParser:
         event = reader.read(self._number, head[-1])
         if event.kind != "row":
             return None
-        self._reader, self._settled, self._misfits = reader, False, 0
+        self._reader, self._settled, self._misfits, self._next_look = reader, False, 0, 0
         self._head, self._head_bytes = list(head), sum(len(line) + 1 for line in head)
         return event
 
@@ -136,32 +130,16 @@ class LineParser:
         line = self.next_text()
         return None if line is None else self.read(line)
 
-    def close(self) -> LineEvent | None:
-        """The stream has ended: the last line, where it lacks its newline; torn unless it proves whole."""
-        if self._overlong:
-            self._buffer, self._overlong = bytearray(), False
-            self._number += 1
-            return rejected(self._number, "", f"must be at most {MAX_LINE_BYTES} bytes long")
-        if not self._buffer:
-            return None
-        line, self._buffer = _decoded(self._buffer), bytearray()
-        self._number += 1
-        if self._reader is None:
-            return rejected(self._number, line, "must end with a newline (torn: the stream ends inside this line)")
-        return self._reader.read_last(self._number, line, list(self._before))
-
     def __iter__(self) -> Iterator[LineEvent]:
         """All lines that are complete."""
-        while (event := self.next_line()) is not None:
-            yield event
+        return iter(self.next_line, None)
 
     def next_text(self) -> str | None:
         """The text of the next line that is complete, for `read`; None where more bytes are needed."""
         buffer = self._buffer
         if self._after_cr and buffer:
             # \r ended the last line at once, without waiting to see whether \n follows.
-            if buffer.startswith(b"\n"):
-                del buffer[:1]
+            del buffer[: buffer.startswith(b"\n")]
             self._after_cr = False
         match = _NEWLINE.search(buffer, self._searched)
         if match is None:
@@ -184,24 +162,22 @@ class LineParser:
         if self._overlong or len(line) > MAX_LINE_BYTES:
             self._overlong, self.line = False, ""
             return rejected(self._number, line, f"must be at most {MAX_LINE_BYTES} bytes long")
-        if self._number == 1:
-            line = line.removeprefix("\ufeff")
-        self.line = line
-        self._before.append(line)
+        self.line = line = line.removeprefix("\ufeff") if self._number == 1 else line
         if line.lstrip().startswith(">"):
             self._add_variable(line)
         event = self._reader.read(self._number, line) if self._reader else None
-        if self._settled:
-            return event or _without_layout(self._number, line)
-        damaged = is_damaged(line)  # then it can be neither a row nor names
-        self._head.append(DAMAGED if damaged else line)
-        self._head_bytes += len(line) + 1
-        if not damaged and (event is None or event.kind in ("rejected", "text") or event.issues):
-            event = self._look_again(line, event)
-        if self._head_bytes >= HEAD_BYTES:
-            # As long as nothing was data, the head is still to come.
-            self._settled, self._head, self._head_bytes = self._reader is not None, [], 0
-            self._next_look = 0
+        if not self._settled:
+            damaged = is_damaged(line)  # then it can be neither a row nor names
+            self._head.append(DAMAGED if damaged else line)
+            self._head_bytes += len(line) + 1
+            fits = event is not None and event.kind not in ("rejected", "text") and not event.issues
+            if not (damaged or fits) and self._is_look_due(line) and (layout := self._other_layout(self._head)):
+                self._reader = LineReader(layout, self._options)
+                event = self._reader.read(self._number, line)
+            if self._head_bytes >= HEAD_BYTES:
+                # As long as nothing was data, the head is still to come.
+                self._settled, self._head, self._head_bytes = self._reader is not None, [], 0
+                self._misfits = self._next_look = 0
         return event or _without_layout(self._number, line)
 
     def _add_variable(self, line: str) -> None:
@@ -210,24 +186,18 @@ class LineParser:
         Once the head of the stream is over, a name counts from its second line on: the first may be damage.
         """
         plot, layout = split_teleplot(line), self.layout
-        if plot is None or not plot.samples or not plot.name or not plot.name.isprintable():
+        if layout is None and plot is not None and plot.only_names:  # `>name:` is enough
+            layout = _TELEPLOT
+        if not (plot and plot.samples and plot.name and plot.name.isprintable()) or layout is None:
             return
-        if layout is None and plot.only_names:  # `>name:` is enough
-            layout = Layout(
-                LineFormat("teleplot"), (), None, 1, frozenset(), (), ("each line is one variable of Teleplot",)
-            )
-        if layout is None or layout.form.kind != "teleplot" or len(layout.columns) >= MAX_STREAM_COLUMNS:
-            return
-        labels = layout.form.labels
-        if plot.name in labels:
+        full = len(layout.columns) >= MAX_STREAM_COLUMNS
+        if layout.form.kind != "teleplot" or full or plot.name in layout.form.labels:
             return
         if self._settled and not plot.only_names and plot.name not in self._seen_once:
             self._seen_once.append(plot.name)
             return
-        form, columns = (
-            replace(layout.form, labels=(*labels, plot.name)),
-            (*layout.columns, Column(plot.name, plot.unit)),
-        )
+        form = replace(layout.form, labels=(*layout.form.labels, plot.name))
+        columns = (*layout.columns, Column(plot.name, plot.unit))
         self._reader = LineReader(replace(layout, form=form, columns=columns), self._options)
 
     def prime(self, lines: Sequence[str]) -> None:
@@ -235,15 +205,6 @@ class LineParser:
         layout = self._other_layout(lines) if self._reader is None and lines else None
         if layout is not None and layout.form.kind == "teleplot":
             self._reader = LineReader(layout, self._options)
-
-    def _look_again(self, line: str, event: LineEvent | None) -> LineEvent:
-        """Sniff the head again if that is due, for data, new labels or a new header."""
-        self._misfits += 1
-        layout = self._other_layout(self._head) if self._is_look_due(line) else None
-        if layout is not None:
-            self._reader = LineReader(layout, self._options)
-            event = self._reader.read(self._number, line)
-        return event or _without_layout(self._number, line)
 
     def _other_layout(self, head: Sequence[str]) -> Layout | None:
         """The layout of these lines where they surely show one, and another than is known.
@@ -266,17 +227,15 @@ class LineParser:
         return layout
 
     def _is_look_due(self, line: str) -> bool:
-        """Whether to sniff the head again at a line that does not fit; the total cost stays linear in the head.
-
-        With a known layout that is at the 1st, 2nd, 4th, 8th, … such line.
-        """
+        """Whether to sniff the head again at a line that does not fit; the total cost stays linear in the head."""
+        self._misfits += 1
         if not any(map(str.isdigit, line)):
             return False
         if self._reader is not None:
             return self._misfits & (self._misfits - 1) == 0
-        if len(self._head) < self._next_look:
+        if self._misfits < self._next_look:
             return False
-        self._next_look = 0 if len(self._head) < _SHORT_HEAD else len(self._head) * 5 // 4
+        self._next_look = 0 if self._misfits < _SHORT_HEAD else self._misfits * 5 // 4
         return True
 
 
@@ -287,10 +246,8 @@ def comma_line(parser: LineParser, line: bytes) -> str:
     """
     parser.feed(line if line.endswith(b"\n") else line + b"\n")
     events, layout = list(parser), parser.layout
-    if len(events) != 1 or events[0].kind != "row" or layout is None:
-        return _decoded(line)
-    form = layout.form
-    if form.kind == "table" and (form.delimiter, form.stamped, form.checksum) == (",", False, False):
+    form = LineFormat() if layout is None else replace(layout.form, decimal=".")
+    if layout is None or form == LineFormat() or [event.kind for event in events] != ["row"]:
         return _decoded(line)
     return ",".join("" if math.isnan(x := events[0].rows[-1][i]) else repr(x) for i in layout.channels)
 
@@ -304,11 +261,7 @@ def _decoded(line: bytes | bytearray) -> str:
 
 def _without_layout(number: int, line: str) -> LineEvent:
     """A line before any data: boot text, or a failed attempt at a number (`12abc`, `0x1F`, `Infinity`)."""
-    kind: Kind = "text"
-    if is_blank(line):
-        kind = "blank"
-    elif is_comment(line):
-        kind = "comment"
-    elif re.match(r"\s*[-+]?(?:[0-9]|\.[0-9]|inf)", line, re.IGNORECASE):
+    kind: Kind = "blank" if is_blank(line) else "comment" if is_comment(line) else "text"
+    if kind == "text" and re.match(r"\s*[-+]?(?:[0-9]|\.[0-9]|inf)", line, re.IGNORECASE):
         return rejected(number, line, "must be numbers, or name:value pairs")
     return LineEvent(number, kind, line[:MAX_ISSUE_LENGTH])

@@ -28,7 +28,7 @@ from kalscope.sources.grammar.line_format import (
     split_teleplot,
 )
 from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
-from kalscope.sources.grammar.timestamps import row_stamp_parser
+from kalscope.sources.grammar.timestamps import StampParser, row_stamp_parser, stamp_parser
 from kalscope.sources.reading.columns import HOST_AND_DEVICE, MAX_SERIES
 from kalscope.sources.reading.sniffer import MAX_STREAM_COLUMNS, Layout
 
@@ -69,55 +69,57 @@ class LineReader:
         self.layout = layout
         self._form = layout.form
         self._width = len(layout.columns)
-        self._channels = layout.channels
-        plain = NumberForm(layout.form.decimal)
-        self._parsers = {i: (layout.columns[i].form or plain).parse for i in self._channels}
-        self._silent = options.missing_texts
-        self._words = {i: MISSING_WORDS | layout.columns[i].words for i in self._channels}
-        self._numbers = frozenset(options.missing_numbers)
         self._least = layout.least
-        self._stamp = row_stamp_parser(layout.time, self._form.decimal) if layout.time else None
+        plain = NumberForm(layout.form.decimal)
+        self._parsers: dict[int, StampParser] = {
+            i: (layout.columns[i].form or plain).parse for i in layout.channels
+        }
+        self._words = {i: MISSING_WORDS | layout.columns[i].words for i in layout.channels}
+        self._silent = options.missing_texts
+        self._numbers = frozenset((*options.missing_numbers, *map(plain.parse, self._silent))) - {None, math.nan}
+        self._stamp = None
+        if layout.time is not None:
+            self._stamp = row_stamp_parser(layout.time, self._form.decimal)
+            self._parsers[layout.time.index] = stamp_parser(layout.time, self._form.decimal)
         self._series = [i for i, column in enumerate(layout.columns) if column.role == "series"]
         self.series: dict[tuple[str, ...], int] = {}
         """The names of a long table and their numbers, which are in its first "series" column."""
         self._before = -1
         """Fields of the row before; −1 at the first row."""
-        self._labels = frozenset(self._form.labels)
         # A blank label would match at each position in a long run of blanks.
         names = "|".join(re.escape(label) for label in self._form.labels if label.strip())
         self._known_label = re.compile(rf"(?:^|[\s,;>])(?:{names or '(?!)'})\s*[:=]")
+        self._number = 0
+        self._issues: list[LineIssue] = []
+        self._missing: list[str] = []
 
     def read(self, number: int, line: str) -> LineEvent:
         """Take one whole line, with or without its newline."""
         text = line.rstrip("\r\n")
-        kind = self._kind_without_data(text)
-        if kind is not None:
-            return LineEvent(number, kind, text[:MAX_ISSUE_LENGTH])
-        issues: list[LineIssue] = []
-        missing: list[str] = []
-        try:
-            rows = self._rows(number, text, issues, missing)
-        except _Fault as fault:
-            return rejected(number, text, str(fault))
-        if rows is None:
-            return LineEvent(number, "text", text[:MAX_ISSUE_LENGTH])
-        return LineEvent(number, "row", text[:MAX_ISSUE_LENGTH], rows, tuple(issues), tuple(missing))
+        self._number, self._issues, self._missing = number, [], []
+        kind, rows = self._kind_without_data(text), None
+        if kind is None:
+            try:
+                rows = self._rows(text)
+            except _Fault as fault:
+                return rejected(number, text, str(fault))
+        kind = kind or ("text" if rows is None else "row")
+        return LineEvent(
+            number, kind, text[:MAX_ISSUE_LENGTH], rows or (), tuple(self._issues), tuple(self._missing)
+        )
 
     def _kind_without_data(self, text: str) -> Kind | None:
         if is_blank(text, self._form.delimiter if self._form.kind == "table" else ""):
             return "blank"
         if is_comment(text):
             return "comment"
-        if self._form.kind == "teleplot" and (plot := split_teleplot(text)) and plot.only_names:
-            return "header"
         rows = self.layout.header_rows
         if rows and tuple(split_fields(text, self._form.delimiter)) in rows:
             return "header"
-        return None
+        is_name = self._form.kind == "teleplot" and (plot := split_teleplot(text)) and plot.only_names
+        return "header" if is_name else None
 
-    def _rows(
-        self, number: int, text: str, issues: list[LineIssue], missing: list[str]
-    ) -> tuple[tuple[float, ...], ...] | None:
+    def _rows(self, text: str) -> tuple[tuple[float, ...], ...] | None:
         """The rows of a line; None for prose; _Fault for a wrong shape."""
         if is_damaged(text):
             which = "NUL" if "\0" in text else "control"
@@ -128,26 +130,21 @@ class LineReader:
             if stamped is None:
                 raise _Fault("must begin with a stamp, as the other lines do")
             head, text = [stamped[0]], stamped[1]
-        text = self._checked(text)
-        if self._form.kind == "teleplot":
-            return self._teleplot(number, text, issues, missing)
-        is_table = self._form.kind == "table"
-        cells = split_fields(text, self._form.delimiter) if is_table else self._labelled(number, text, issues)
-        return None if cells is None else (self._row(number, head + cells, issues, missing),)
-
-    def _checked(self, text: str) -> str:
-        """The line without its checksum, which must be right where there is one."""
         parts = split_checksum(text)
-        if parts is None:
-            if self._form.checksum:
-                raise _Fault("must end with its checksum, as the other lines do")
-            return text
-        if parts[1] != parts[2]:
-            raise _Fault(f"must end with the checksum *{parts[2]:02X} (got *{parts[1]:02X})")
-        return parts[0]
+        if parts is None and self._form.checksum:
+            raise _Fault("must end with its checksum, as the other lines do")
+        if parts is not None:
+            text, written, right = parts
+            if written != right:
+                raise _Fault(f"must end with the checksum *{right:02X} (got *{written:02X})")
+        if self._form.kind == "teleplot":
+            return self._teleplot(text)
+        cells = split_fields(text, self._form.delimiter) if self._form.kind == "table" else self._labelled(text)
+        return None if cells is None else (self._row(head + cells),)
 
-    def _labelled(self, number: int, text: str, issues: list[LineIssue]) -> list[str] | None:
+    def _labelled(self, text: str) -> list[str] | None:
         """Cells in column order; a value without a column is an issue; None for prose."""
+        labels = self._form.labels
         found = find_labels(text)
         if found is None:
             if self._known_label.search(text) or text.lstrip().startswith("{"):
@@ -156,45 +153,45 @@ class LineReader:
         values = dict(found)
         if len(values) != len(found):
             raise _Fault("must hold each label once")
-        if not values.keys() & self._labels:
+        lacking = [label for label in labels if label not in values]
+        if len(lacking) == len(labels):
             if all(parse_number(value) is None for value in values.values()):
                 return None
-            raise _Fault(f"must hold one of the labels ({', '.join(self._form.labels[:8])})")
-        if self._form.complete and (lacking := [label for label in self._form.labels if label not in values]):
+            raise _Fault(f"must hold one of the labels ({', '.join(labels[:8])})")
+        if self._form.complete and lacking:
             raise _Fault(f"must hold all labels, as the other lines do (got none of {', '.join(lacking[:8])})")
         for label, value in found:
-            if label not in self._labels:
-                issues.append(LineIssue(number, "must have a known label; it is left out", f"{label}:{value}", ""))
-        return [values.get(label, "") for label in self._form.labels]
+            if label not in labels:
+                self._report("must have a known label; it is left out", f"{label}:{value}", "")
+        return [values.get(label, "") for label in labels]
 
-    def _teleplot(
-        self, number: int, text: str, issues: list[LineIssue], missing: list[str]
-    ) -> tuple[tuple[float, ...], ...] | None:
-        if not text.lstrip().startswith(">"):
-            return None  # on a serial line Teleplot leaves all else to the program's log
+    def _report(self, reason: str, text: str, column: str) -> None:
+        self._issues.append(LineIssue(self._number, reason, text[:MAX_ISSUE_LENGTH], column))
+
+    def _teleplot(self, text: str) -> tuple[tuple[float, ...], ...] | None:
         plot = split_teleplot(text)
         if plot is None:
+            if not text.lstrip().startswith(">"):
+                return None  # on a serial line Teleplot leaves all else to the program's log
             raise _Fault("must be >name:value or >name:ms:value")
         if not plot.samples:
             return None
-        if plot.name not in self._labels:
+        if plot.name not in self._form.labels:
             raise _Fault(
                 f"must be of one of the first {MAX_STREAM_COLUMNS} names, or of a name that was sent before"
             )
-        timed = self.layout.time is not None or self._width > len(self._labels)
+        timed = self.layout.time is not None or self._width > len(self._form.labels)
         at = self._form.labels.index(plot.name) + timed
         rows: list[tuple[float, ...]] = []
         for stamp, value in plot.samples:
             if self._parsers[at](value) is None and value.lower() not in self._words[at]:
                 raise _Fault("must be a number, or a word for a missing one")
-            cells = [""] * self._width
+            cells = [stamp if timed else "", *[""] * (self._width - 1)]
             cells[at] = value
-            if timed:
-                cells[0] = stamp
-            rows.append(self._row(number, cells, issues, missing))
+            rows.append(self._row(cells))
         return tuple(rows)
 
-    def _row(self, number: int, cells: list[str], issues: list[LineIssue], missing: list[str]) -> tuple[float, ...]:
+    def _row(self, cells: list[str]) -> tuple[float, ...]:
         cells = self._whole(cells)
         layout = self.layout
         values = [math.nan] * self._width
@@ -204,26 +201,26 @@ class LineReader:
                 raise _Fault("must have a readable time stamp")
             values[layout.time.index] = stamp
         if self._series:
-            values[self._series[0]] = self._number_of(tuple(cells[i] for i in self._series))
-        for i in self._channels:
-            cell = cells[i].lower()
-            if cell in self._silent:
-                continue
-            value = self._parsers[i](cells[i])
+            name = tuple(cells[i] for i in self._series)
+            if name not in self.series and len(self.series) >= MAX_SERIES:
+                raise _Fault(f"must be of one of the first {MAX_SERIES} names")
+            values[self._series[0]] = self.series.setdefault(name, len(self.series))
+        for i, words in self._words.items():
+            value = self.value(i, cells[i])
             if value is not None:
-                if value not in self._numbers:
-                    values[i] = value
-            elif cell in self._words[i]:
-                missing.append(cells[i])
+                values[i] = value
+            elif cells[i].lower() in words:
+                self._missing.append(cells[i])
             else:
-                name = layout.columns[i].name
-                issues.append(LineIssue(number, "must be a number", cells[i][:MAX_ISSUE_LENGTH], name))
+                self._report("must be a number", cells[i], layout.columns[i].name)
         return tuple(values)
 
-    def _number_of(self, name: tuple[str, ...]) -> int:
-        if name not in self.series and len(self.series) >= MAX_SERIES:
-            raise _Fault(f"must be of one of the first {MAX_SERIES} names")
-        return self.series.setdefault(name, len(self.series))
+    def value(self, column: int, cell: str) -> float | None:
+        """The number in a cell that is read, or its stamp; NaN where it is missing; None for any other text."""
+        value = self._parsers[column](cell)
+        if value is None and column in self._words and cell.lower() in self._silent:
+            return math.nan
+        return math.nan if self._numbers and column in self._words and value in self._numbers else value
 
     def _whole(self, cells: list[str]) -> list[str]:
         """The cells of a row, one per column: an extra separator at the end removed, missing last cells added.
@@ -257,8 +254,7 @@ class LineReader:
         return rejected(number, line, "must end with a newline (torn: the file ends inside this line)")
 
     def _is_whole(self, line: str, event: LineEvent, before: Sequence[str]) -> bool:
-        read = [(text, self.read(0, text)) for text in before[-TAIL_LINES:]]
-        rows = [(text, above) for text, above in read if above.kind == "row"]
+        rows = [(text, above) for text in before if (above := self.read(0, text)).kind == "row"]
         ours = any(column.name == HOST_AND_DEVICE[0] for column in self.layout.columns[:1])
         if ours or event.issues or not rows or _known(event) < _known(rows[-1][1]):
             return False  # our recorder ends each line

@@ -23,7 +23,7 @@ from kalscope.sources.containers.table import Part, Table, choose_part, refuse_p
 from kalscope.sources.grammar.line_format import LineFormat
 from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions, option, option_words
 from kalscope.sources.grammar.timestamps import TimeColumn, judge
-from kalscope.sources.reading.account import no_channel, no_rows, no_table, refuse_markup
+from kalscope.sources.reading.account import no_channel, no_rows, no_table, refuse_foreign
 from kalscope.sources.reading.axis import GivenPeriod, counted_time, fill_gaps, read_time
 from kalscope.sources.reading.columns import UNIT_NAMES, Column, distinct_names, named_column, settle_roles
 from kalscope.sources.reading.rows import Tally, read_rows
@@ -661,7 +661,7 @@ def _sniff_head(raw: RawFile, encoding: str, options: ReadOptions) -> Layout:
     lines: list[str] = []
     for size in HEAD_BYTES:
         lines = list(islice(open_text(io.BytesIO(raw.head[:size]), encoding), HEAD_LINES))
-        refuse_markup(raw.name, lines)
+        refuse_foreign(raw.name, lines)
         is_whole = raw.size <= size and len(lines) < HEAD_LINES
         if not is_whole and len(lines) > 1:
             lines.pop()  # cut by the limit

@@ -1,4 +1,4 @@
-"""The lines of a log as rows of numbers, every line in exactly one count; plain rows by compiled loops."""
+"""The lines of a log as rows of numbers, every line in exactly one count."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import NamedTuple, TextIO
+from typing import TextIO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,96 +18,18 @@ from kalscope.common.files import MEMORY_FACTOR, require_memory
 from kalscope.common.numbers import Array
 from kalscope.common.progress import Progress
 from kalscope.recording import MAX_ISSUES, LineIssue
-from kalscope.sources.grammar.cells import is_blank, is_number, parse_number
+from kalscope.sources.grammar.cells import is_blank, is_number
 from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
-from kalscope.sources.reading.kernels import RowForm, read_plain_rows
+from kalscope.sources.reading.kernels import CELL, NUMBER, TEXT, RowForm, read_plain_rows
 from kalscope.sources.reading.line_reader import TAIL_LINES, Kind, LineEvent, LineReader
 from kalscope.sources.reading.sniffer import Layout
 from kalscope.sources.reading.text_file import open_text, read_line
 
-# Blocks of plain rows, read by compiled loops: a hundredth of the time that the line reader needs.
-
-
 _MAX_NUMBERS = 1 << 18
 """Numbers that are read at once: 2 MiB, which fits a processor's cache."""
-_MAX_ROUNDED = 1024
-"""Numbers of more digits than the loops hold that are read again at once."""
 
-
-class PlainRows(NamedTuple):
-    """The plain rows at one place."""
-
-    values: Array
-    """Numbers, shape (rows, columns), NaN where missing or not read; overwritten by the next call."""
-    end: int
-    """The place after them."""
-
-
-class BlockParser:
-    """Reads plain rows of one layout.
-
-    A line is plain where it holds one number or missing value (nan or nothing) per channel and the line reader
-    reads it alike. Whatever is doubtful ends the rows: other bytes, quotes, blank lines, numbers near the ends of
-    float64, stamps out of range.
-    """
-
-    def __init__(self, layout: Layout) -> None:
-        width, delimiter = len(layout.columns), layout.form.delimiter
-        self._decimal = layout.form.decimal
-        self._form = RowForm(
-            marks=(ord(delimiter), ord(self._decimal)),
-            wanted=np.array(_are_read(layout), dtype=np.uint8),
-            fields=(layout.least, width + (delimiter != " ")),  # a separator may end the line
-            stamp=-1 if layout.time is None else layout.time.index,
-        )
-        self._out = np.empty((max(16, _MAX_NUMBERS // width), width))
-        self._rounded = np.zeros((max(_MAX_ROUNDED, width + 1), 4), dtype=np.int64)
-
-    def parse(self, data: bytes, at: int, end: int) -> PlainRows:
-        r"""The plain rows from `at` on, none where the first line is not plain.
-
-        Args:
-            data: Lines, UTF-8, each with "\n" at its end, up to `end`.
-            at: Where the first begins.
-            end: Where the last ends.
-        """
-        lines: NDArray[np.uint8] = np.frombuffer(data, dtype=np.uint8, count=end)
-        out = self._out
-        rows, stop, again = read_plain_rows(lines, at, self._form, out, self._rounded)
-        for row, column, first, last in self._rounded[:again].tolist():
-            out[row, column] = float(data[first:last].decode().replace(self._decimal, "."))
-        return PlainRows(out[:rows], stop)
-
-
-def block_parser(layout: Layout, options: ReadOptions) -> BlockParser | None:
-    """The parser of plain rows of a layout; None where each line needs the line reader."""
-    form, time, read = layout.form, layout.time, _are_read(layout)
-
-    def may_be_row(header: tuple[str, ...]) -> bool:
-        """Whether a header, which may come again, would be taken for numbers: `state,2019,2020`."""
-        cells = (cell for cell, is_read in zip(header, read, strict=False) if is_read)
-        return all(parse_number(cell, form.decimal) is not None for cell in cells)
-
-    is_never_plain = bool(
-        (form.kind, form.stamped, form.checksum) != ("table", False, False)
-        or layout.narrow
-        or form.decimal == form.delimiter  # inside quotes
-        or (time is not None and time.kind != "number")
-        or any(column.role == "series" or column.form is not None for column in layout.columns)
-        or any(is_number(text, form.decimal) for text in options.missing_texts)
-        or any(map(may_be_row, layout.header_rows))
-    )
-    return None if is_never_plain else BlockParser(layout)
-
-
-def _are_read(layout: Layout) -> list[bool]:
-    """Whether each column is read: the channels and the time; the others may hold any text."""
-    read = {*layout.channels, *(layout.time.indices if layout.time else ())}
-    return [i in read for i in range(len(layout.columns))]
-
-
-# Turn the lines of a log into rows of numbers, every line in exactly one count.
-
+_MAX_ODD = 1 << 14
+"""Cells and lines of them that the compiled loops leave to the line reader."""
 
 MAX_WORDS = 8
 """Words that say "no sample" of which the report gives the count."""
@@ -115,17 +37,14 @@ MAX_WORDS = 8
 BLOCK_SIZE = 1 << 19
 """Characters read at once, between two progress reports."""
 
-MAX_BYTES_BY_LINE = 1 << 15
-"""A file up to this size is read line by line, in less time than the compiled loops take to load."""
-
 BLOCK_NUMBERS = 1 << 16
 """Numbers that are gathered row by row before they are put into their columns."""
 
+MAX_BYTES_BY_LINE = 1 << 15
+"""A file up to this size is read line by line, in less time than the compiled loops take to load."""
+
 ROOM_EVERY = 1 << 26
 """Bytes of a file between two checks of the free memory."""
-
-MAX_SLOW = 64
-"""Most lines read one by one before plain rows are looked for again, where there are none."""
 
 
 @dataclass
@@ -147,14 +66,18 @@ class Tally:
     ending: str = ""
     """A sentence about a last line without newline; "" where it has one."""
 
-    def take(self, event: LineEvent) -> None:
-        """Count one line and keep its issues, up to MAX_ISSUES."""
+    def take(self, event: LineEvent, *, last: bool = False) -> LineEvent:
+        """Count one line and keep its issues, up to MAX_ISSUES; the `last` one has no newline."""
         self.lines[event.kind] += 1
         if event.kind == "row":
             self.bad_cells += len(event.issues)
             self.missing.update(event.missing)
             self.bad_columns.update(issue.column for issue in event.issues if issue.column)
         self.issues.extend(event.issues[: MAX_ISSUES - len(self.issues)])
+        what = {"rejected": "it is torn and was left out", "row": "it was kept, because it has all its values"}
+        if last and event.kind in what:
+            self.ending = f"line {event.number}, the last, has no newline: {what[event.kind]}"
+        return event
 
     @property
     def notes(self) -> list[str]:
@@ -164,13 +87,6 @@ class Tally:
             for word, count in self.missing.most_common(MAX_WORDS)
         ]
         return [*said, *([self.ending] if self.ending else [])]
-
-    def take_last(self, event: LineEvent) -> None:
-        """Count a last line that has no newline, and note whether it was kept."""
-        self.take(event)
-        what = {"rejected": "it is torn and was left out", "row": "it was kept, because it has all its values"}
-        if event.kind in what:
-            self.ending = f"line {event.number}, the last, has no newline: {what[event.kind]}"
 
 
 def read_rows(
@@ -191,8 +107,9 @@ def read_rows(
             progress(file.tell() / size, "reading")
             block = ahead.submit(_read_block, text)
             reader.take(data, growing=not data.endswith(b"\n") and path.stat().st_size > size)
-            reader.require_room(file.tell(), size, path.name)
-    return reader.finish(), reader.tally
+            reader.rows.require_room(file.tell(), size, path.name)
+    reader.tally.series = tuple(reader.reader.series)
+    return reader.rows.finish(), reader.tally
 
 
 def _read_block(text: TextIO) -> bytes:
@@ -201,18 +118,19 @@ def _read_block(text: TextIO) -> bytes:
 
 
 class _TableReader:
-    """Takes the lines of a log in blocks: plain rows at once, all others one by one."""
+    """Takes the lines of a log in blocks: compiled loops read plain cells, the line reader all else."""
 
     def __init__(self, layout: Layout, options: ReadOptions, *, by_line: bool) -> None:
         self.tally = Tally()
         self._layout = layout
-        is_gathered = layout.form.kind == "teleplot" or layout.lead is not None
-        self._rows = GatheredRows(layout) if is_gathered else Rows(layout)
-        self._plain = None if by_line else block_parser(layout, options)
-        self._reader = LineReader(layout, options.without_numbers())
+        self.rows = Rows(layout)
+        self.reader = LineReader(layout, options.without_numbers())
+        self._form = None if by_line else row_form(layout, options, self.reader)
+        width = len(layout.columns)
+        self._out = np.empty((0 if self._form is None else max(16, _MAX_NUMBERS // width), width))
+        self._odd = np.empty((max(_MAX_ODD, width + 1), 4), dtype=np.int64)
         self._number = 1
         self._above = b""
-        self._room_at = ROOM_EVERY
 
     def take(self, data: bytes, *, growing: bool = False) -> None:
         """Take the next lines, UTF-8, of which only the last of the file may lack its newline.
@@ -225,46 +143,69 @@ class _TableReader:
             kind: Kind = "header" if self._number in self._layout.headers else "text"
             self.tally.lines["blank" if is_blank(line, self._layout.form.delimiter) else kind] += 1
             self._number += 1
-        self._take_rows(data, at, whole)
-        if at <= whole < len(data):
+        lines = np.frombuffer(data, dtype=np.uint8, count=whole)
+        while at < whole and self._form is not None:
+            at = self._take_block(data, lines, at, self._form)
+        while at < whole:
+            line, at = _line_at(data, at)
+            self.rows.add(self.rows.of(self.tally.take(self.reader.read(self._number, line))))
+            self._number += 1
+        if at < len(data):
             above = (self._above + data[:whole]).decode().split("\n")[-1 - TAIL_LINES : -1]
-            event = self._reader.read_last(self._number, data[whole:].decode(), [] if growing else above)
-            self.tally.take_last(event)
-            self._rows.add(event, last=True)
+            event = self.reader.read_last(self._number, data[whole:].decode(), [] if growing else above)
+            self.rows.add(
+                self.tally.take(event, last=True).rows
+            )  # a rejected last line has no neighbours whose places it could keep
         self._above = data
 
-    def require_room(self, done: int, size: int, name: str) -> None:
-        """Raise NoMemory if all `size` bytes of the file will not fit in memory, by what the first `done` take."""
-        if done < self._room_at:
-            return
-        self._room_at = done + ROOM_EVERY
-        taken = self._rows.nbytes
-        require_memory(MEMORY_FACTOR * taken * size / done - taken, name, f"{size / 1e9:.1f} GB of text")
+    def _take_block(self, data: bytes, lines: NDArray[np.uint8], at: int, form: RowForm) -> int:
+        """Take many lines at once, one row each, but for those that are none; the place after them."""
+        count, end, odd = read_plain_rows(lines, at, form, self._out, self._odd)
+        kept, whole = np.ones(count, dtype=np.bool_), set[int]()
+        for row, column, first, last in self._odd[:odd].tolist():
+            if row in whole:
+                continue
+            value = None if column < 0 else self.reader.value(column, data[first:last].decode().rstrip(" \t"))
+            if value is not None:
+                self._out[row, column] = value
+                continue
+            line, _ = _line_at(data, data.rfind(b"\n", 0, first) + 1)
+            rows = self.rows.of(self.tally.take(self.reader.read(self._number + row, line)))
+            whole.add(row)
+            kept[row] = bool(rows)
+            self._out[row] = rows[0] if rows else math.nan
+        self._number += count
+        self.tally.lines["row"] += count - len(whole)
+        self.rows.extend(self._out[:count] if kept.all() else self._out[:count][kept])
+        return end
 
-    def finish(self) -> list[Array]:
-        """The columns, each of shape (rows,)."""
-        self.tally.series = tuple(self._reader.series)
-        return self._rows.finish()
 
-    def _take_rows(self, data: bytes, at: int, end: int) -> None:
-        """Take whole lines: plain rows, and in between one line, or more and more of them where none is plain."""
-        slow = 1
-        while at < end:
-            if self._plain is not None:
-                rows = self._plain.parse(data, at, end)
-                slow = min(2 * slow, MAX_SLOW)
-                if len(rows.values):
-                    slow, at = 1, rows.end
-                    self._number += len(rows.values)
-                    self.tally.lines["row"] += len(rows.values)
-                    self._rows.extend(rows.values)
-            for _ in range(slow):
-                if at < end:
-                    line, at = _line_at(data, at)
-                    event = self._reader.read(self._number, line)
-                    self.tally.take(event)
-                    self._rows.add(event)
-                    self._number += 1
+def row_form(layout: Layout, options: ReadOptions, reader: LineReader) -> RowForm | None:
+    """How the compiled loops read the rows of a layout; None where each line needs the line reader."""
+    form, time = layout.form, layout.time
+    read = [*layout.channels, *([] if time is None else [time.index])]
+    if (
+        (form.kind, form.stamped, form.checksum) != ("table", False, False)
+        or layout.narrow
+        or form.decimal == form.delimiter  # inside quotes
+        or (time is not None and time.parts)
+        or any(column.role == "series" for column in layout.columns)
+        # A header may come again, and hold only numbers: `state,2019,2020`.
+        or any(all(reader.value(i, row[i]) is not None for i in read if i < len(row)) for row in layout.header_rows)
+    ):
+        return None
+    plain = not any(is_number(text, form.decimal) for text in options.missing_texts)
+    plain_stamp = time is None or time.kind == "number"
+    reads = [TEXT] * len(layout.columns)
+    for i in read:
+        by_loop = plain and layout.columns[i].form is None and (plain_stamp or i != read[-1])
+        reads[i] = NUMBER if by_loop else CELL
+    return RowForm(
+        marks=(ord(form.delimiter), ord(form.decimal)),
+        reads=np.array(reads, dtype=np.uint8),
+        fields=(layout.least, len(reads) + (form.delimiter != " ")),  # a separator may end the line
+        stamp=-1 if time is None else time.index,
+    )
 
 
 def _line_at(data: bytes, at: int) -> tuple[str, int]:
@@ -274,80 +215,71 @@ def _line_at(data: bytes, at: int) -> tuple[str, int]:
 
 
 class Rows:
-    """Collects the rows of a log, column by column: they are never held twice, as one table and as its columns."""
+    """Collects the rows of a log, column by column: they are never held twice, as one table and as its columns.
+
+    Labels that come in turn, on several lines, are gathered into rows; those of Teleplot by their stamps as well.
+    """
 
     def __init__(self, layout: Layout) -> None:
         time = () if layout.time is None else layout.time.indices
         series = (i for i, column in enumerate(layout.columns) if column.role == "series")
-        self._kept = sorted({*layout.channels, *time, *series})
-        self._columns = [array("d") for _ in layout.columns]
+        self._columns = {i: np.empty(0) for i in {*layout.channels, *time, *series}}
+        self._width, self._count, self._room_at = len(layout.columns), 0, ROOM_EVERY
         self._block = array("d")  # rows, flat
-        # The sensor did sample then: without time a rejected line keeps the place of its sample.
-        self._gap = [math.nan] * len(layout.columns) if layout.time is None else []
-
-    def add(self, event: LineEvent, *, last: bool = False) -> None:
-        """Take the rows of a line; a rejected last line has no neighbours whose places it could keep."""
-        for row in event.rows:
-            self.append(row)
-        if event.kind == "rejected" and not last:
-            self.append(self._gap)
-
-    def append(self, row: Sequence[float]) -> None:
-        """Take one row, or nothing."""
-        self._block.extend(row)
-        if len(self._block) >= BLOCK_NUMBERS:
-            self._empty_block()
-
-    def extend(self, rows: Array) -> None:
-        """Take rows, shape (rows, width)."""
-        self._empty_block()
-        for i in self._kept:
-            self._columns[i].frombytes(np.ascontiguousarray(rows[:, i]).data.cast("B"))
-
-    @property
-    def nbytes(self) -> int:
-        """Bytes that the columns take."""
-        return sum(8 * len(self._columns[i]) for i in self._kept)
-
-    def _empty_block(self) -> None:
-        if self._block:
-            rows = np.frombuffer(self._block).reshape(-1, len(self._columns))
-            self._block = array("d")
-            self.extend(rows)
-
-    def finish(self) -> list[Array]:
-        """The columns, each of shape (rows,), once all lines were added."""
-        self._empty_block()
-        return [np.frombuffer(column, dtype=np.float64) if column else np.empty(0) for column in self._columns]
-
-
-class GatheredRows(Rows):
-    """Gathers labels that come in turn, on several lines, into rows; those of Teleplot by their stamps as well."""
-
-    def __init__(self, layout: Layout) -> None:
-        super().__init__(layout)
-        self._time = None if layout.time is None else layout.time.index
+        self._gathers = layout.form.kind == "teleplot" or layout.lead is not None
         self._lead = layout.lead
-        self._row: list[float] = []
+        self._time = None if layout.time is None else layout.time.index
+        self._row: Sequence[float] = ()  # the one that is gathered
+        # The sensor did sample then: without time a rejected line keeps the place of its sample.
+        self._gaps = () if self._gathers or layout.time else ((math.nan,) * self._width,)
 
-    def add(self, event: LineEvent, *, last: bool = False) -> None:  # noqa: ARG002 (no gaps here)
-        """Take the samples of a line; a rejected one leaves no gap, because others make up the row."""
-        for row in event.rows:
+    def of(self, event: LineEvent) -> Sequence[Sequence[float]]:
+        """The rows of a line, and what is in the place of a rejected one."""
+        return self._gaps if event.kind == "rejected" else event.rows
+
+    def add(self, rows: Sequence[Sequence[float]]) -> None:
+        """Take the rows of one line."""
+        for row in rows:
             if self._row and self._belongs(row):
                 self._row = [b if math.isnan(a) else a for a, b in zip(self._row, row, strict=True)]
             else:
-                self.append(self._row)
-                self._row = list(row)
+                self._block.extend(self._row if self._gathers else row)
+                self._row = row if self._gathers else ()
+        if len(self._block) >= BLOCK_NUMBERS:
+            self._empty_block()
 
-    def _belongs(self, row: tuple[float, ...]) -> bool:
+    def _belongs(self, row: Sequence[float]) -> bool:
+        """Whether the samples of a line are of the row that is gathered."""
         begins = self._lead is not None and not math.isnan(row[self._lead])
         later = self._lead is None and self._time is not None and row[self._time] != self._row[self._time]
-        if begins or later:
-            return False
         pairs = enumerate(zip(self._row, row, strict=True))
-        return all(math.isnan(a) or math.isnan(b) or i == self._time for i, (a, b) in pairs)
+        return not (begins or later) and all(
+            math.isnan(a) or math.isnan(b) or i == self._time for i, (a, b) in pairs
+        )
+
+    def extend(self, rows: Array) -> None:
+        """Take rows, shape (n, width)."""
+        end = self._count + len(rows)
+        for i, column in self._columns.items():
+            if end > len(column):
+                self._columns[i] = np.empty(2 * end)
+                self._columns[i][: self._count] = column[: self._count]
+            self._columns[i][self._count : end] = rows[:, i]
+        self._count = end
+
+    def _empty_block(self) -> None:
+        rows, self._block = np.array(self._block).reshape(-1, self._width), array("d")
+        self.extend(rows)
+
+    def require_room(self, done: int, size: int, name: str) -> None:
+        """Raise NoMemory if all `size` bytes of the file will not fit in memory, by what the first `done` take."""
+        if done >= self._room_at:
+            self._room_at = done + ROOM_EVERY
+            taken = 8 * len(self._columns) * self._count
+            require_memory(MEMORY_FACTOR * taken * size / done - taken, name, f"{size / 1e9:.1f} GB of text")
 
     def finish(self) -> list[Array]:
-        """The columns, including the row being gathered."""
-        self.append(self._row)
-        return super().finish()
+        """All columns, each of shape (rows,), empty where not read, once all lines were added."""
+        self._block.extend(self._row)
+        self._empty_block()
+        return [self._columns.get(i, np.empty(0))[: self._count] for i in range(self._width)]

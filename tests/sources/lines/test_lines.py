@@ -10,29 +10,55 @@ from each import each
 from hypothesis import given
 from hypothesis import strategies as st
 
+from kalscope.sources.grammar.cells import parse_number, split_fields
 from kalscope.sources.grammar.line_format import split_checksum
+from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
+from kalscope.sources.reading import line_parser
 from kalscope.sources.reading.line_parser import MAX_LINE_BYTES, LineParser
 from kalscope.sources.reading.recording_file import read_recording
 
 
-def events_of(data, pieces=None, **settings):
+def events_of(data, pieces=None, options=DEFAULTS):
     """All events of a stream, fed whole or in pieces."""
-    parser = LineParser(**settings)
-    events = []
-    for piece in [data] if pieces is None else pieces:
+    parser, events = LineParser(options), []
+    for piece in pieces or [data]:
         parser.feed(piece)
         events += parser
-    last = parser.close()
-    return parser, events + ([] if last is None else [last])
+    return parser, events
 
 
 def only(line, before=b""):
     """(kind, {channel: value}, issues) of the last line of a stream."""
     parser, events = events_of(before + line.encode() + b"\n")
     event, layout = events[-1], parser.layout
-    if not event.rows or layout is None:
-        return event.kind, {}, event.issues
-    return event.kind, {layout.columns[i].name: event.rows[-1][i] for i in layout.channels}, event.issues
+    values = {layout.columns[i].name: event.rows[-1][i] for i in layout.channels} if event.rows else {}
+    return event.kind, values, event.issues
+
+
+NOT_NUMBERS = ["1 2", "1_000", "12abc", "0x1F", "-inf", "1e999", "ERR", "1,5", "--1", ".", "٣", "1.2.3", "e5"]
+
+
+@each("cell", NOT_NUMBERS)
+def test_what_is_no_finite_decimal_number_is_none(cell):
+    assert parse_number(cell) is None
+
+
+@each(
+    ("line", "delimiter", "cells"),
+    [
+        ("1, 2 ,3\n", ",", ["1", "2", "3"]),
+        ("1,,3", ",", ["1", "", "3"]),
+        ("  1   2\t3 \n", " ", ["1", "2", "3"]),
+        ("1\t\t3", "\t", ["1", "", "3"]),
+        ('"a, b",2', ",", ["a, b", "2"]),
+        ('1 "a b" 3', " ", ["1", "a b", "3"]),
+        ('0.09,"20.1,5.0', ",", ["0.09", '"20.1', "5.0"]),
+        ('" 3"25,1', ",", ['" 3"25', "1"]),
+        ("\n", " ", []),
+    ],
+)
+def test_fields_are_split_at_the_delimiter_and_never_beyond_the_line(line, delimiter, cells):
+    assert split_fields(line, delimiter) == cells
 
 
 NAN = math.nan
@@ -68,25 +94,49 @@ def test_what_people_print_is_a_row(line, values):
     np.testing.assert_equal(found, values)
 
 
-@each("line", ["hello world", "nan", "a==1", "WiFi connected", "Warning: too hot"])
-def test_text_is_text(line):
-    assert only(line)[0] == "text"
+TABLE, LABELS = b"1,2\n" * 3, b"temp:1,hum:2\n" * 3
+KINDS = {
+    **dict.fromkeys(["hello world", "nan", "a==1", "WiFi connected", "Warning: too hot"], (b"", "text")),
+    **dict.fromkeys(["Warning: reached 26 degrees", "rebooting in 3, 2, 1"], (LABELS, "text")),
+    **dict.fromkeys(["temp:1,hu", "temp:1,temp:2"], (LABELS, "rejected")),
+}
+
+
+@each(("line", "expected"), KINDS.items())
+def test_prose_is_text_and_a_damaged_line_is_rejected(line, expected):
+    before, kind = expected
+    assert only(line, before)[0] == kind
 
 
 @each("cell", ["12abc", "0x1F", "Infinity", "hello"])
 def test_once_the_shape_is_known_such_a_cell_is_a_reported_missing_sample(cell):
-    kind, values, issues = only(f"1,{cell}", b"1,2\n" * 3)
+    kind, values, issues = only(f"1,{cell}", TABLE)
     assert (kind, values["value 1"]) == ("row", 1)
     assert math.isnan(values["value 2"])
     assert [(issue.line, issue.column, issue.text) for issue in issues] == [(4, "value 2", cell)]
 
 
-def test_between_labelled_lines_prose_is_text_and_a_damaged_line_is_rejected():
-    labelled = b"temp:1,hum:2\n" * 3
-    assert only("Warning: reached 26 degrees", labelled)[0] == "text"
-    assert only("rebooting in 3, 2, 1", labelled)[0] == "text"
-    assert only("temp:1,hu", labelled)[0] == "rejected"
-    assert only("temp:1,temp:2", labelled)[0] == "rejected"
+@pytest.mark.slow
+def test_text_without_data_costs_each_line_only_a_few_looks(monkeypatch):
+    looked, real = [], line_parser.sniff
+    monkeypatch.setattr(line_parser, "sniff", lambda head, options: looked.append(len(head)) or real(head, options))
+    _, events = events_of(b"".join(b"state s%d\n" % i for i in range(3000)))
+    assert {event.kind for event in events} == {"text"}
+    assert sum(looked) < 10 * 3000
+
+
+@pytest.mark.parametrize("options", [ReadOptions(header_row=2), ReadOptions(header_row=2, unit_row=3)])
+def test_a_stream_waits_for_the_rows_that_were_chosen(options):
+    parser, events = events_of(b"Logger v1.2\na,b\n1,2\n3,4\n5,6\n", options=options)
+    assert [column.name for column in parser.layout.columns] == ["a", "b"]
+    assert [event.kind for event in events[-2:]] == ["row", "row"]
+    assert parser.adopt_layout(["Logger v1.2"]) is None
+
+
+def test_colours_of_a_terminal_are_no_damage():
+    lines = (b"\x1b[0;32mI (%d) app: temp=%d.5\x1b[0m\n" % (1000 + 10 * i, 20 + i) for i in range(9))
+    rows = [event.rows[0] for event in events_of(b"".join(lines))[1] if event.kind == "row"]
+    assert rows == [(1000 + 10 * i, 20.5 + i) for i in range(9)]
 
 
 def test_teleplot_lines_bring_stamps_and_units_and_all_else_is_text():
@@ -145,7 +195,8 @@ def test_the_checksum_is_that_of_nmea_0183():
 
 def test_a_right_checksum_is_taken_off_and_a_wrong_one_rejects_the_line():
     lines = [checked(f"{i},{i / 2}") for i in range(5)]
-    parser, events = events_of("\n".join([*lines, lines[0].replace("0,", "7,", 1), "6,3", lines[4][:-3]]).encode())
+    spoilt = [lines[0].replace("0,", "7,", 1), "6,3", lines[4][:-3], ""]
+    parser, events = events_of("\n".join([*lines, *spoilt]).encode())
     assert [event.kind for event in events] == ["row"] * 5 + ["rejected"] * 3
     assert events[4].rows == ((4.0, 2.0),)
     assert "checksum" in events[5].issues[0].reason
@@ -156,11 +207,8 @@ STREAMS = {
     "table": b"boot\r\nt,a,b\n"
     + b"".join(b"%.2f,%d,%d\n" % (i / 100, i * 7 % 5, i) for i in range(30))
     + b"x\n0.30,1,2\n",
-    "old newlines": b"".join(b"%d %d\r" % (i, i * i) for i in range(9)),
-    "mixed newlines": b"1,2\r\n\n3,4\n\r5,6\r\r\n7,8\n",
     "labels": b"ready\n" + b"".join(b"temp: %d, hum: %d\n" % (i % 7, i) for i in range(9)) + b"temp: 1\nhot: x\n",
-    "teleplot": b"".join(b">a:%d:%d\n>b:%d:%d\n" % (i, i % 3, i, i % 4) for i in range(9)),
-    "stamps": b"".join(b"12:00:%02d.5 -> %d.25\n" % (i, i % 5) for i in range(9)) + b"12:00:10.5 -> 3.2",
+    "stamps": b"".join(b"12:00:%02d.5 -> %d.25\n" % (i, i % 5) for i in range(9)),
     "checksums": "".join(checked(f"{i},2") + "\n" for i in range(9)).encode() + b"1,2*00\n",
     "units": "temp [°C];dist [µm]\n1,5;2,5\n1,6;x\n".encode(),
 }
@@ -175,12 +223,12 @@ def test_any_bytes_in_any_pieces_are_the_same_events(data, cuts):
     assert [event.number for event in whole] == list(range(1, len(whole) + 1))
 
 
-@each("name", ["table", "labels", "stamps", "checksums", "units"])
-def test_a_stream_means_what_the_file_means(tmp_path, name):
+@each("data", STREAMS.values(), ids=STREAMS)
+def test_a_stream_means_what_the_file_means(tmp_path, data):
     path = tmp_path / "log.txt"
-    path.write_bytes(STREAMS[name])
+    path.write_bytes(data)
     recording = read_recording(path)
-    parser, events = events_of(STREAMS[name], layout=None)
+    parser, events = events_of(data)
     # The caller leaves the gap of a rejected line, as the file reader does.
     gap = () if parser.layout.time else ((NAN,) * len(parser.layout.columns),)
     rows = [row for event in events for row in (gap if event.kind == "rejected" else event.rows)]
