@@ -135,6 +135,7 @@ def with_gate_and_start(
     return best
 
 
+@np.errstate(over="ignore")
 def code_in(z: Array) -> float | None:
     """The reading that stands for none, such as 400 for no echo, where it comes too often for a spike.
 
