@@ -30,14 +30,14 @@ from kalscope_app.views.chart_tabs import AllanView, AlternativesView, ChannelsV
 from kalscope_app.views.checks import ChecksView, EstimatorsView, MomentumProfileView, VerdictView
 from kalscope_app.views.export import CodeView, CommandLineView, ReportView, TuningFileView, device_notes
 from kalscope_app.views.fusion import FusionView
-from kalscope_app.views.goal import GoalView
+from kalscope_app.views.goal import MORE_FOLDER, GoalView
 from kalscope_app.views.help import HelpView, Tour
 from kalscope_app.views.live import LiveView
 from kalscope_app.views.map import TuningMapView
 from kalscope_app.views.phone import PhonePictures
 from kalscope_app.views.signal import SignalView, WindowView
-from kalscope_app.views.source import SourceView
-from kalscope_app.views.tune import ChainView, NumbersView, PaperFilterView, ParametersView, PresetsView, StartView
+from kalscope_app.views.source import QuestionView, SourceView
+from kalscope_app.views.tune import ChainView, MoreView, PaperFilterView, ParametersView
 from kalscope_app.views.variants import VariantsView
 from kalscope_app.views.window import Commands, GuardedViews, HeaderView, Notifications, Panels, ViewTab
 from kalscope_app.worker.worker import Worker
@@ -108,7 +108,6 @@ class Dashboard:
             self._study(compute_spectra, self._spectrum.show),
             self._study(compute_allan, self._allan.show),
             self._study(AlternativesStudy().compute, self._alternatives.show),
-            self._study(still.study, self._goal.offer_still),
         ]
         self.engine = Engine(self.session, self.show, tell, Studies(rounds), self._fail)
         server.on_client_connect(self._on_connect)
@@ -128,8 +127,9 @@ class Dashboard:
         with check:
             self._momentum = MomentumProfileView(gui, self.session, self._jobs)
         with self._panels.charts:
+            self._question = QuestionView(gui, self._source)
             self._window = WindowView(gui, self.session)
-            self.signal = SignalView(gui)
+            self.signal = SignalView(gui, self._question.asks)
         with compare:
             self._alternatives = AlternativesView(gui, self.session)
         with channels:
@@ -145,8 +145,9 @@ class Dashboard:
         self._map.build_button(gui, self._settings, self._jobs)
         self._verdict.build_reasons(gui)
         tabs = gui.add_tab_group()
-        with tabs.add_tab("Tune"):
+        with tabs.add_tab("Tune") as tune:
             self._build_tune(gui)
+        self._tour.put_into(tune)
         with tabs.add_tab("Source"):
             self._source = SourceView(gui, self.session, self._jobs, self._worker, self._kept.last())
             recording = BoardRecording(self._connection, folder, self.notifications.tell, self.session.wakeup.set)
@@ -154,6 +155,7 @@ class Dashboard:
                 gui, self.session, self._port_jobs, self._connection, recording, self._source.open_spec
             )
             self._source.build_rest(gui)
+            self._paper = PaperFilterView(gui, self.session)
             self._map.on_device = self._source.open_device
         with tabs.add_tab("Export"):
             self._code = CodeView(gui, self.session, self._jobs, self.notifications.tell, folder)
@@ -171,11 +173,9 @@ class Dashboard:
         self._chain = ChainView(gui, self.session)
         self._goal = GoalView(gui, self.session, self._jobs)
         self.parameters = ParametersView(gui, self.session)
-        self._start = StartView(gui, self.session)
-        self._fusion = FusionView(gui, self.session, self._jobs)
-        self._numbers = NumbersView(gui)
-        self._presets = PresetsView(gui, self.session)
-        self._paper = PaperFilterView(gui, self.session)
+        with gui.add_folder(MORE_FOLDER, expand_by_default=False):
+            self._fusion = FusionView(gui, self.session, self._jobs)
+            self._more = MoreView(gui, self.session)
         self._verdict.connect(self.session, self._goal)
 
     def start(self) -> None:
@@ -241,12 +241,12 @@ class Dashboard:
                 self.notifications.tell(self._note, good=True)
 
     def _show_numbers(self, frame: Frame) -> None:
-        for view in self._header, self._verdict, self._numbers, self._goal, self.parameters, self._start:
+        for view in self._header, self._verdict, self._goal, self.parameters, self._more:
             self._draw(frame, view.show)
         self._draw(frame, self._chain.show, self._fusion.show, self._map.follow)
 
     def _show_other(self, frame: Frame) -> None:
-        for view in self._view, self._estimators, self._presets, self._window, self._source, self._live:
+        for view in self._view, self._estimators, self._question, self._window, self._source, self._live:
             self._draw(frame, view.show)
         if self._last is None or not only_grown(self._last, frame):
             for view in self._paper, self._variants, self._channels, self._code, self._board, self._command_line:

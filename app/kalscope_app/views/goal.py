@@ -12,15 +12,22 @@ from kalscope.common.text import TIME_UNITS, decibels, gate_text, lag_text, numb
 from kalscope.errors import BadSetting
 from kalscope.estimation.methods import METHODS
 from kalscope.estimation.request import Noise, Request, find_parameters
-from kalscope.filtering.steady import SteadyState, steady_state
+from kalscope.filtering.steady import steady_state
 from kalscope.tuning.tuning import ChannelTuning
 from kalscope_app.engine.frame import Frame
 from kalscope_app.engine.jobs import Jobs
-from kalscope_app.session.changes import apply_found, momentum_words, set_search_method
+from kalscope_app.session.changes import (
+    PRESETS,
+    Preset,
+    apply_found,
+    momentum_words,
+    set_search_method,
+    take_preset,
+)
 from kalscope_app.session.session import Failed, Session
 from kalscope_app.session.state import Outcome, State
 from kalscope_app.views.charts import Scale, time_scale_for
-from kalscope_app.views.widgets import SlowJobProgress, bind, on_user
+from kalscope_app.views.widgets import SlowJobProgress, bind, noise_left, on_user
 from kalscope_app.views.window import PRIMARY
 
 # The ways to find q and r that the dashboard offers: what each asks the user for, and the search it requests.
@@ -34,14 +41,20 @@ OVERSHOOT = "overshoot (%)"
 class SearchMethod:
     """One way to find q and r."""
 
-    request: Callable[[State, list[str]], Request]
+    request: Callable[[State, list[str]], Request | None]
     """What to look for, from the state and the typed texts."""
     boxes: tuple[tuple[str, str], ...] = ()
     """Label and first content of each text box it needs."""
+    preset: Preset | None = None
+    """The setting that is taken in place of a search."""
 
 
 def _method(name: str) -> SearchMethod:
     return SearchMethod(lambda _state, _texts: Request(name))
+
+
+def _no_search(_state: State, _texts: list[str]) -> None:
+    """A preset is taken as it is."""
 
 
 def _target(
@@ -105,17 +118,6 @@ def _still(state: State, texts: list[str]) -> Request:
     return Request(noise=Noise(still=(int(at[0]), int(at[-1]) + 1)))
 
 
-def stretch_texts(state: State, first: int, last: int) -> tuple[str, str]:
-    """Samples `first` … `last` − 1 as from and to in the unit of the time axis, in as few digits as suffice."""
-    time, factor = state.recording.time, clock_of(state).factor
-    ends = [float(time[at]) * factor for at in (first, last - 1)]
-    for digits in range(3, 17):
-        texts = tuple(f"{end:.{digits}g}" for end in ends)
-        if _still(state, list(texts)).noise.still == (first, last):
-            return texts[0], texts[1]
-    return repr(ends[0]), repr(ends[1])
-
-
 def clock_of(state: State) -> Scale:
     """Unit of the time axis on screen."""
     time = state.recording.time
@@ -164,6 +166,7 @@ SEARCH_METHODS: dict[str, SearchMethod] = {
     "keep r, fit q": SearchMethod(lambda state, _texts: Request(noise=Noise(r=state.tuning.r))),
     "r/q = 100, fit r": SearchMethod(lambda _state, _texts: Request(ratio=0.01)),
     **{title: _method(name) for name, title in METHODS.items() if name != "ml"},
+    **{f"preset {title}": SearchMethod(_no_search, (), preset) for title, preset in PRESETS.items()},
 }
 """Ways by the words on screen, the most useful first."""
 
@@ -187,6 +190,9 @@ def method_of(state: State) -> SearchMethod:
 # What the last search gave, in a sentence below Apply: what the filter costs, and what has changed.
 
 
+MORE_FOLDER = "More settings and numbers"
+"""The closed folder below the parameters."""
+
 NBSP = "\u00a0"
 """Keeps a number and its unit on one line."""
 
@@ -200,17 +206,19 @@ def answer_text(state: State) -> str:
         return f"**Nothing was changed.** {outcome.message}"
     period = state.recording.sample_period
     before, after = steady_state(outcome.before.params), steady_state(outcome.after.params)
+    lag, lag_before = (_glued(lag_text(one.lag_samples, period)) for one in (after, before))
+    left, left_before = (_glued(noise_left(one.noise_reduction_db)) for one in (after, before))
     said = [
-        f"{_lead(outcome)} **{_goal_lag(after, period)}** leaves **{_noise_left(after)} of the noise** "
-        f"({decibels(-float(after.noise_reduction_db)).replace(' ', NBSP)}).",
-        f"Before: {_goal_lag(before, period)}, {_noise_left(before)}.",
+        f"{_lead(outcome)} **{lag}** leaves **{left} of the noise** "
+        f"({_glued(decibels(-float(after.noise_reduction_db)))}).",
+        f"Before: {lag_before}, {left_before}.",
     ]
     if after.overshoot:
         said.append(f"A step overshoots by {percent(float(after.overshoot))}.")
     if changes := changed(outcome.before, outcome.after, period):
         said.append(f"Changed: {changes}.")
     if outcome.estimate is not None:
-        said.append("More in “Resulting filter”.")
+        said.append(f"More in “{MORE_FOLDER}”.")
     return " ".join(said)
 
 
@@ -229,13 +237,8 @@ def _lead(outcome: Outcome) -> str:
     return f"{asked[:1].upper()}{asked[1:]}: lag"
 
 
-def _goal_lag(steady: SteadyState, period: float | None) -> str:
-    return lag_text(steady.lag_samples, period).replace(" ", NBSP)
-
-
-def _noise_left(steady: SteadyState) -> str:
-    """The size of the noise that is left, as a share of its standard deviation."""
-    return percent(10.0 ** (-steady.noise_reduction_db / 20.0)).replace(" ", NBSP)
+def _glued(text: str) -> str:
+    return text.replace(" ", NBSP)
 
 
 def changed(before: ChannelTuning, after: ChannelTuning, period: float | None) -> str:
@@ -258,7 +261,6 @@ class GoalView:
     def __init__(self, gui: viser.GuiApi, session: Session, jobs: Jobs) -> None:
         self._session, self._jobs = session, jobs
         self._shown: tuple[str, ...] = ()
-        self._stretch = ("", "")
         self._stop = threading.Event()
         with gui.add_form(None) as self._form:
             self._goal = gui.add_dropdown("goal", (*GOALS, MORE), hint=HINT)
@@ -275,12 +277,18 @@ class GoalView:
         on_user(self._form.on_submit, lambda _client: self._find_and_apply())
         on_user(self._apply.on_click, lambda _client: self._find_and_apply())
         on_user(self._cancel.on_click, lambda _client: self._stop.set())
+        for goal in GOALS:  # so that the palette finds them by their words
+            command = gui.add_command(f"Goal: {goal}", description=HINT)
+            change = set_search_method(goal, SEARCH_METHODS)
+            on_user(command.on_trigger, lambda _client, change=change: session.request(change))
 
     def _find_and_apply(self) -> None:
         texts = [box.value for box in self._boxes]
 
-        def request(state: State) -> Request:
+        def request(state: State) -> Request | None:
             method = method_of(state)
+            if method.preset is not None:
+                self._session.request(take_preset(method.preset.title))
             return method.request(state, texts[: len(method.boxes)])
 
         self.search(request)
@@ -288,15 +296,6 @@ class GoalView:
     def search(self, request: Callable[[State], Request | None]) -> None:
         """Run the search that is asked for, and apply its result as one undoable change; None: no search."""
         self._start(lambda state, stop: self._search(state, request(state), stop))
-
-    def offer_still(self, found: tuple[State, tuple[int, int] | None]) -> None:
-        """Fill the still stretch that was found into the boxes of that method, unless a user has typed there."""
-        state, stretch = found
-        before, self._stretch = self._stretch, ("", "") if stretch is None else stretch_texts(state, *stretch)
-        if self._shown[:1] == (STILL,):
-            for box, old, new in zip(self._boxes, before, self._stretch, strict=True):
-                if box.value == old:
-                    box.value = new
 
     def _start(self, work: Callable[[State, threading.Event], None]) -> None:
         """Queue a job on the state with every earlier request applied; each job has its own stop event."""
@@ -322,7 +321,8 @@ class GoalView:
         """Show the boxes of the chosen method, and the last answer; it is for the Kalman filter alone."""
         self._form.visible = frame.state.fusion is None and frame.state.tuning.chain is None
         self._show_method(frame.state)
-        answer = answer_text(frame.state)
+        preset = method_of(frame.state).preset
+        answer = answer_text(frame.state) or ("" if preset is None else preset.why)
         self._answer.content, self._answer.visible = answer, bool(answer)
 
     def _show_method(self, state: State) -> None:
@@ -338,7 +338,7 @@ class GoalView:
             box.visible = i < len(wanted)
             if i < len(wanted):
                 if (name, *labels)[: i + 2] != self._shown[: i + 2]:
-                    box.value = self._stretch[i] if name == STILL else wanted[i][1]
+                    box.value = wanted[i][1]
                 box.label, box.hint = labels[i], hint_of(wanted[i][0])
         self._shown = name, *labels
 

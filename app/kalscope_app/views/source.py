@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import re
 import threading
-from collections.abc import Callable
-from dataclasses import replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -23,7 +23,6 @@ from kalscope.papers.reproduction import list_experiments
 from kalscope.recording import Recording
 from kalscope.sources.grammar.cells import SECONDS_PER_UNIT
 from kalscope.sources.grammar.read_options import (
-    OPTIONS,
     ReadOptions,
     join_values,
     option_texts,
@@ -45,8 +44,16 @@ from kalscope_app.session.opening import opened, opened_experiment, with_sample_
 from kalscope_app.session.session import Failed, Session
 from kalscope_app.session.state import Change, State
 from kalscope_app.views.fleet import FleetView
-from kalscope_app.views.widgets import SlowJobProgress, TypedNumber, capitalised, escape_markdown, on_user, typed
-from kalscope_app.views.window import PRIMARY
+from kalscope_app.views.widgets import (
+    SlowJobProgress,
+    TypedNumber,
+    capitalised,
+    escape_markdown,
+    on_user,
+    put,
+    typed,
+)
+from kalscope_app.views.window import PERIOD_BUTTON, PRIMARY, QUESTION
 from kalscope_app.worker.worker import Worker
 
 if TYPE_CHECKING:
@@ -100,35 +107,53 @@ def _about_channels(recording: Recording) -> list[str]:
 # The form with the import options, named as on the command line.
 
 
+FOUND = "auto"
+"""Detect it from the file."""
+
+CHOICES = {
+    "delimiter": {FOUND: "", **{word: word for word in ("comma", "semicolon", "tab", "bar", "space")}},
+    "time_unit": {FOUND: "", **{word: word for word in SECONDS_PER_UNIT}},
+    "gaps": {"as rows": "", "as missing samples": "missing", "as elapsed time": "dt"},
+    "decimal": {FOUND: "", "point": "point", "comma": "comma"},
+    "day_first": {FOUND: "", "day first": "day", "month first": "month"},
+}
+"""What a menu shows and what the command line takes, by the name of the option."""
+
+BOXES = {
+    "delimiter": ("delimiter", "The character between two cells."),
+    "time_column": ("time column", "Its name, its number from 1, or none."),
+    "time_unit": ("time unit", "The unit of a numeric time column."),
+    "missing": ("missing values", 'Values that mark a missing sample, between blanks: -200 n/x "no data".'),
+    "gaps": ("gaps in time", "How long gaps are filtered."),
+    "header_row": ("header row", "Number of the line with the names; 0 = none."),
+    "unit_row": ("unit row", "Number of the line with the units; 0 = none."),
+    "decimal": ("decimal mark", "The decimal mark of numbers."),
+    "time_format": ("time format", "Format of a time stamp, such as %d.%m.%Y %H:%M:%S."),
+    "day_first": ("date order", "What 03/04/2025 is: 3 April, or March 4."),
+    "rate": ("rate (Hz)", "The sample rate, instead of that of the stamps."),
+    "part": ("part", "The sheet, topic, group or variable of a file that holds several."),
+    "unpack_gb": (
+        "unpack at most (GB)",
+        "What a packed file may unpack to. Empty: 0.134 GB or 32 times its size.",
+    ),
+}
+"""Label and hint of each option by its name; the later ones are needed rarely."""
+
+FREQUENT = 5
+"""How many options are shown at once; the others are one click away."""
+
+
 class ReadingForm:
-    """Options in place of what was detected; empty boxes are detected. The rarer ones are one click away."""
+    """Options in place of what was detected; empty boxes are detected."""
 
     def __init__(self, gui: viser.GuiApi, read: Callable[[ReadOptions], None]) -> None:
-        self._gui, self._read = gui, read
+        self._read = read
         self._shown: ReadOptions | None = None
-        self._boxes: dict[str, viser.GuiInputHandle[str]] = {}
-        self._add_choice("delimiter", MARKS, "The character between two cells.")
-        self._add_text("time_column", "Its name, its number from 1, or none.")
-        self._add_choice("time_unit", UNITS, "The unit of a numeric time column.")
-        self._add_text("missing", 'Values that mark a missing sample, between blanks: -200 n/x "no data".')
-        self._add_choice("gaps", GAPS, "How long gaps are filtered.")
+        self._boxes = {option: _box(gui, option) for option in [*BOXES][:FREQUENT]}
         with gui.add_folder("More options", expand_by_default=False):
-            self._add_text("header_row", "Number of the line with the names; 0 = none.")
-            self._add_text("unit_row", "Number of the line with the units; 0 = none.")
-            self._add_choice("decimal", POINTS, "The decimal mark of numbers.")
-            self._add_text("time_format", "Format of a time stamp, such as %d.%m.%Y %H:%M:%S.")
-            self._add_choice("day_first", ORDERS, "What 03/04/2025 is: 3 April, or March 4.")
-            self._add_text("rate", "The sample rate, instead of that of the stamps.")
-            self._add_text("part", "The sheet, topic, group or variable of a file that holds several.")
-            self._add_text("unpack_gb", "What a packed file may unpack to; empty: 0.134 GB, or 32 times its size.")
+            self._boxes |= {option: _box(gui, option) for option in [*BOXES][FREQUENT:]}
         button = gui.add_button("Re-import", hint="Also reads what was added to the file.")
         on_user(button.on_click, lambda _client: self._submit())
-
-    def _add_text(self, option: str, hint: str) -> None:
-        self._boxes[option] = self._gui.add_text(_label(option), "", hint=hint)
-
-    def _add_choice(self, option: str, choices: dict[str, str], hint: str) -> None:
-        self._boxes[option] = self._gui.add_dropdown(_label(option), tuple(choices), hint=hint)
 
     def show(self, options: ReadOptions) -> None:
         """Fill in what the open file was read with; what is typed stays until another is."""
@@ -137,70 +162,120 @@ class ReadingForm:
         self._shown, texts = options, option_texts(options)
         for option, box in self._boxes.items():
             values = texts.get(option, ())
-            text = join_values(values) if option == "missing" else "".join(values)
-            words = {meaning: word for word, meaning in CHOICES.get(option, {}).items()}
-            box.value = words.get(text, text)
+            box.value = _word(option, join_values(values) if option == "missing" else "".join(values))
 
     def _submit(self) -> None:
         typed = {option: box.value.strip() for option, box in self._boxes.items()}
-        given = {option: CHOICES.get(option, {}).get(text, text) or None for option, text in typed.items()}
-        order, missing = given.pop("day_first"), given.pop("missing")
-        self._read(
-            options_from_text(
-                missing=split_values(missing or ""),
-                day_first=None if order is None else order == "day",
-                **given,
-            )
-        )
+        self._read(options_of({option: CHOICES.get(option, {}).get(text, text) for option, text in typed.items()}))
 
 
-FOUND = "auto"
-"""Detect it from the file."""
+def _box(gui: viser.GuiApi, option: str) -> viser.GuiInputHandle[str]:
+    label, hint = BOXES[option]
+    if option in CHOICES:
+        return gui.add_dropdown(label, tuple(CHOICES[option]), hint=hint)
+    return gui.add_text(label, "", hint=hint)
 
-MARKS = {FOUND: "", **{word: word for word in ("comma", "semicolon", "tab", "bar", "space")}}
-UNITS = {FOUND: "", **{word: word for word in SECONDS_PER_UNIT}}
-POINTS = {FOUND: "", "point": "point", "comma": "comma"}
-ORDERS = {FOUND: "", "day first": "day", "month first": "month"}
-GAPS = {"as rows": "", "as missing samples": "missing", "as elapsed time": "dt"}
-"""How long gaps in time are filtered."""
-CHOICES = {"delimiter": MARKS, "time_unit": UNITS, "decimal": POINTS, "day_first": ORDERS, "gaps": GAPS}
-"""What a menu shows and what the command line takes, by the name of the option."""
 
-LABELS = {
-    "missing": "missing values",
-    "gaps": "gaps in time",
-    "decimal": "decimal mark",
-    "day_first": "date order",
-    "rate": "rate (Hz)",
-    "unpack_gb": "unpack at most (GB)",
-}
-"""Labels of the boxes whose label is not the name of the option."""
+def _word(option: str, meaning: str) -> str:
+    """What the form shows for a value of the command line."""
+    return next((word for word, value in CHOICES.get(option, {}).items() if value == meaning), meaning)
+
+
+def options_of(texts: Mapping[str, str]) -> ReadOptions:
+    """Options from their texts on the command line; "" or none: detected."""
+    given: dict[str, Any] = {option: text for option, text in texts.items() if text}
+    day = given.pop("day_first", None)
+    missing = split_values(given.pop("missing", ""))
+    return options_from_text(missing=missing, day_first=None if day is None else day == "day", **given)
+
+
 _MENTIONED = re.compile(
-    r"--([a-z]{2,9}(?:-[a-z]{2,9})?)"
-    r"""(?:[ =](NAME|"[^"]{1,200}"|-?[0-9][0-9.e+-]{0,30}|[a-z]{2,9})(?![\w.]))?"""
+    r"""--([a-z]{2,9}(?:-[a-z]{2,9})?)(?:[ =](NAME|"[^"]{1,200}"|-?[0-9][0-9.e+-]{0,30}|[a-z]{2,9})(?![\w.]))?"""
 )
+
+
+def mentioned(mention: re.Match[str]) -> tuple[str, str, str]:
+    """The option that is mentioned, its value, and what else was matched; ("", "", …): no option of this form."""
+    name, value = mention[1].replace("-", "_"), mention[2] or ""
+    if name in ("day_first", "month_first"):
+        return "day_first", name.partition("_")[0], f" {value}" if value else ""
+    if name not in BOXES:
+        return "", "", mention[0]
+    known = not value.isalpha() or value == "none" or value in CHOICES.get(name, {}).values()
+    return (name, value, "") if known and value else (name, "", "" if value in ("", "NAME") else f" {value}")
 
 
 def in_words_of_form(sentence: str) -> str:
     """A sentence about options of the command line in the words of this form: `--gaps dt` is its box for gaps."""
-    return _MENTIONED.sub(_box_and_value, sentence)
+
+    def words(mention: re.Match[str]) -> str:
+        option, value, rest = mentioned(mention)
+        box = f"“{BOXES[option][0]}”" if option else ""
+        return f"{box}: {_word(option, value)}{rest}" if value else f"{box}{rest}"
+
+    return _MENTIONED.sub(words, sentence)
 
 
-def _box_and_value(mention: re.Match[str]) -> str:
-    option, value = mention[1].replace("-", "_"), mention[2] or ""
-    if f"--{mention[1]}" not in OPTIONS:
-        return mention[0]
-    if option in ("day_first", "month_first"):
-        option, value, rest = "day_first", option.replace("_", " "), f" {value}" if value else ""
-        return f"“{_label(option)}”: {value}{rest}"
-    words = {meaning: word for word, meaning in CHOICES.get(option, {}).items() if meaning}
-    if value in words or (value and not value.isalpha()) or value == "none":
-        return f"“{_label(option)}”: {words.get(value, value)}"
-    return f"“{_label(option)}”" + (f" {value}" if value not in ("", "NAME") else "")
+# Questions about the file, above the charts: each with the one option that would answer it otherwise.
 
 
-def _label(option: str) -> str:
-    return LABELS.get(option) or option.replace("_", " ")
+@dataclass(frozen=True)
+class Question:
+    """What the file does not show, and the button beside it."""
+
+    sentence: str
+    """In words; it may contain text of the file."""
+    button: str
+    """The label of the button."""
+    option: tuple[str, str] | None = None
+    """The option of the form and its value, which the button reads the file with; None: it only leads to a box."""
+
+
+def question_about(recording: Recording) -> Question | None:
+    """The first question about a file that one option answers, gaps in time last; None where there is none."""
+    gaps = [note for note in recording.report.notes if "--gaps" in note]
+    for note in (*recording.report.assumptions, *gaps):
+        for mention in _MENTIONED.finditer(note):
+            option, value, _ = mentioned(mention)
+            if value:
+                asked = note[: mention.start()].rpartition(";")[0] or note
+                button = f"Read with {BOXES[option][0]}: {_word(option, value)}"
+                return Question(f"{capitalised(in_words_of_form(asked))}.", button, (option, value.strip('"')))
+    if recording.sample_period is None and recording.sha256:
+        return Question("The sample rate is not known: times are in samples.", PERIOD_BUTTON)
+    return None
+
+
+class QuestionView:
+    """One line above the charts, and one button."""
+
+    def __init__(self, gui: viser.GuiApi, source: SourceView) -> None:
+        gui.add_html(QUESTION)
+        self._button = gui.add_button("…", visible=False, hint="Reads the file again; Undo reverts it.")
+        self._text = gui.add_markdown("", visible=False)
+        self._question: Question | None = None
+        self._about: Recording | None = None
+        on_user(self._button.on_click, lambda _client: self._answer(source))
+
+    def _answer(self, source: SourceView) -> None:
+        if self._question is not None and self._question.option is not None:
+            source.read_with(*self._question.option)
+
+    def asks(self, frame: Frame) -> bool:
+        """Whether there is a question; none is asked while a part of the recording is on screen."""
+        if frame.state.recording is not self._about:
+            self._about = frame.state.recording
+            self._question = question_about(self._about) if frame.state.live is None else None
+        return self._question is not None and frame.state.view.window is None
+
+    def show(self, frame: Frame) -> None:
+        """Follow the frame."""
+        asks = self.asks(frame)
+        put(self._text, visible=asks)
+        put(self._button, visible=asks)
+        if self._question is not None:
+            put(self._text, content=escape_markdown(self._question.sentence, 300))
+            put(self._button, label=self._question.button)
 
 
 # The form that generates a synthetic signal.
@@ -285,7 +360,7 @@ class SamplesView:
                 hint="Figures of the three source documents, which publish pictures and no data.",
             )
             page = gui.add_button(
-                "Open the paper page", hint="Recomputes Table 1 and every figure, in about 10 s, as one page."
+                "Download the paper page", hint="Recomputes Table 1 and every figure, in about 10 s, as one page."
             )
             self._progress = gui.add_progress_bar(0.0, visible=False)
             self._cancel = gui.add_button("Cancel", visible=False, hint="Stop computing the page.")
@@ -312,7 +387,7 @@ class SamplesView:
             if self._page is None:  # the same at every run
                 with SlowJobProgress(self._progress, self._cancel) as shown:
                     self._page = reproduce(progress=shown.report, cancelled=stop.is_set)
-            show_page(client, self._page)
+            client.send_file_download(PAGE_NAME, self._page.html.encode(), save_immediately=True)
 
         self._jobs.run(work, Failed.REPRODUCE)
 
@@ -335,36 +410,6 @@ def experiment_label(experiment: Experiment) -> str:
     """Author and figure, short enough for a menu."""
     author = next(words for start, words in AUTHORS.items() if experiment.name.startswith(start))
     return f"{author}: {experiment.title.removeprefix('LIS302DL: ')}"
-
-
-def show_page(client: viser.ClientHandle, page: Reproduction) -> None:
-    """A window with Table 1, and the whole page as a download."""
-    with client.gui.add_modal("Ma'arif 2019, Table 1") as window:
-        client.gui.add_markdown(table_1(page))
-        download = client.gui.add_button(
-            "Download the whole page (HTML)", color=PRIMARY, hint="All figures and tables; one file."
-        )
-        close = client.gui.add_button("Close")
-
-    def send(client: viser.ClientHandle) -> None:
-        client.send_file_download(PAGE_NAME, page.html.encode(), save_immediately=True)
-
-    on_user(download.on_click, send)
-    on_user(close.on_click, lambda _client: window.close())
-
-
-def table_1(page: Reproduction) -> str:
-    """Table 1 as markdown, and how many reproduced numbers hold."""
-    rows = [
-        f"| {row['r']:g} | {row['q']:g} | "
-        + " | ".join(f"{row[key]:.4f}" for key in ("printed", "simulated", "theoretical"))
-        + " |"
-        for row in page.results["noise_reducer"]["table_1"]
-    ]
-    head = "| R | Q | printed | simulated | theory |\n|---|---|---|---|---|\n"
-    within = len(page.checks) - len(page.failed)
-    said = f"{within} of {len(page.checks)} reproduced numbers of all three documents are within their tolerance."
-    return f"Mean error of the filtered signal.\n\n{head}{chr(10).join(rows)}\n\n{said}"
 
 
 # The source of the signal: a file, uploaded or by its path; the generator; and how the file was read.
@@ -473,6 +518,16 @@ class SourceView:
             self._session.request(use_settings(tuning, name), failed=Failed.OPEN)
 
         self._jobs.run(work, Failed.OPEN)
+
+    def read_with(self, option: str, value: str) -> None:
+        """Read the same file again with one option more; a missing value is added to those that are known."""
+
+        def read(state: State) -> None:
+            texts = {name: join_values(values) for name, values in option_texts(state.open.options).items()}
+            before = texts.get(option, "") if option == "missing" else ""
+            self._read_again(options_of({**texts, option: f"{before} {value}".strip()}))
+
+        self._session.with_state(read)
 
     def _read_again(self, options: ReadOptions) -> None:
         """Read the same file again, with other options or because it has changed."""

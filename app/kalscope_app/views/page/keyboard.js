@@ -1,13 +1,12 @@
-// Makes what viser leaves to the mouse work by keys and for screen readers: the headings of folders are buttons, and
-// every control has the name of its row and its hint, which viser shows under the mouse; see window.py.
+// Makes what viser leaves to the mouse work by keys and for screen readers: the headings of folders are buttons,
+// every control has the name of its row and its hint, which viser shows under the mouse, and a new verdict is read
+// out; see window.py.
 
 const HEADING = '.mantine-Paper-root[data-with-border] > .mantine-Paper-root[style*="pointer"]:has(> svg)';
 
 const FOCUSABLE = ":is(button, input, textarea, [tabindex]):not([tabindex='-1'])";
 
 const UNNAMED = {
-  "button:has(> span > .tabler-icon-list-search)": "Commands",
-  "button:has(> span > .tabler-icon-adjustments)": "Settings of the viewer",
   ".mantine-Notification-closeButton": "Dismiss",
   ".mantine-Spotlight-content": "Commands",
 }; // parts without a text
@@ -52,8 +51,23 @@ const nameTheRest = () => {
     if (title.textContent === "Kalscope") Object.assign(title, { role: "heading", ariaLevel: "1" });
 };
 
+// One stop of the Tab key for each strip of tabs; the arrow keys go along it.
+const joinTabs = () => {
+  for (const tab of document.querySelectorAll("[role=tab]")) tab.tabIndex = tab.ariaSelected === "true" ? 0 : -1;
+};
+
+const verdict = Object.assign(document.createElement("div"), { role: "status", className: "kalscope-status" });
+
+const announce = () => {
+  const word = document.querySelector("div:has(> .kalscope-verdict) + div button")?.textContent ?? "…";
+  if (!verdict.isConnected) document.getElementById("root").before(verdict);
+  if (word !== "…" && verdict.textContent !== word) verdict.textContent = word;
+};
+
 const label = () => {
   nameHeadings();
+  joinTabs();
+  announce();
   nameControls();
   nameTheRest();
 };
@@ -87,5 +101,10 @@ addEventListener("DOMContentLoaded", () => (document.getElementById("root").role
 let waiting = 0;
 const onChange = () => (waiting ||= setTimeout(() => ((waiting = 0), label()), 200));
 addEventListener("DOMContentLoaded", () =>
-  new MutationObserver(onChange).observe(document.body, { childList: true, subtree: true }),
+  new MutationObserver(onChange).observe(document.body, {
+    attributeFilter: ["aria-selected"],
+    characterData: true,
+    childList: true,
+    subtree: true,
+  }),
 );
