@@ -6,7 +6,7 @@ from contextlib import AbstractContextManager
 
 import viser
 
-from kalscope.common.text import correlation, count, decibels, lag_text, number, percent
+from kalscope.common.text import correlation, decibels, lag_text, number, percent
 from kalscope_app.engine.frame import Frame
 from kalscope_app.session.changes import delete_variant, momentum_words, rename_variant, use_variant
 from kalscope_app.session.session import Session
@@ -152,16 +152,10 @@ def _explained(table: VariantComparison, with_truth: bool) -> str:
     ]
     if with_truth:
         said.append("RMSE is the error against the truth; the smallest is bold.")
-    scored = {row.measures.fit.scored for row in table.rows if row.measures.fit}
-    if len(scored) == 1:
-        said.append(
-            "The larger the log-likelihood, the better a setting explains the recording; the largest is bold."
-        )
-    elif scored:
-        few, many = count(min(scored)), count(max(scored))
-        said.append(f"The log-likelihoods sum over {few} to {many} samples and cannot be compared.")
+    if len({row.measures.fit.scored for row in table.rows if row.measures.fit}) == 1:
+        said.append("The setting with the largest log-likelihood, in bold, explains the recording best.")
+    else:
+        said.append("The log-likelihoods sum over different samples and cannot be compared.")
     if table.with_chain:
         said.append("All three are for the Kalman filter alone.")
-    if len(table.rows) == len(table.state.variants):
-        said.append("The Khan et al. filter is not listed.")
     return " ".join(said)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import logging
-import threading
 from collections.abc import Callable, Iterable, Iterator
 from importlib.resources import files
 from pathlib import Path
@@ -161,6 +160,11 @@ class Notifications:
         else:
             log.error("uncaught %s", type(message).__name__, exc_info=message)
             self.show_failure(message)
+
+    def show_compiling(self, progress: Compiling) -> None:
+        """Show how far the compiler is, which runs at the first start after an installation."""
+        if progress.is_busy:
+            self.tell(f"{progress}.".capitalize(), good=True)
 
     def show_failure(self, error: Exception) -> None:
         """Show what to do after an uncaught exception."""
@@ -372,44 +376,6 @@ def page_script() -> str:
     rules = json.dumps(page.joinpath("style.css").read_text("utf-8"))
     parts = (page.joinpath(f"{name}.js").read_text("utf-8") for name in NAMES)
     return APPLY_RULES % rules + "".join(f"{{ const sizes = {sizes};\n{part}}}\n" for part in parts)
-
-
-# A note in every browser while loops are compiled, at the first start after an installation.
-
-
-STAYS_S = 1.5
-"""Seconds after the last loop for which the note stays: the next one often begins at once."""
-
-
-class CompilingNote:
-    """Shows the progress of the compiler; removed when it has finished."""
-
-    def __init__(self, server: viser.ViserServer) -> None:
-        self._server = server
-        self._notes = WeakKeyDictionary[viser.ClientHandle, viser.NotificationHandle]()
-        self._changing = threading.Lock()
-        self._end: threading.Timer | None = None
-
-    def show(self, progress: Compiling) -> None:
-        """Show this in every browser; runs on the thread that compiles."""
-        body = f"{progress}.".capitalize()
-        with self._changing:
-            if self._end is not None:
-                self._end.cancel()
-            for client in self._server.get_clients().values():
-                if client in self._notes:
-                    self._notes[client].body = body
-                else:
-                    self._notes[client] = client.add_notification("Kalscope", body, loading=True)
-            self._end = threading.Timer(STAYS_S, self._remove)
-            if not progress.is_busy:
-                self._end.start()
-
-    def _remove(self) -> None:
-        with self._changing:
-            for note in self._notes.values():
-                note.remove()
-            self._notes.clear()
 
 
 # The command palette, Ctrl+K: every button, checkbox and button of a row, by its label.
