@@ -65,7 +65,7 @@ def move_the_slider_of_q(screen, z):
     q = float(f"{10.0 ** wait_until(lambda: where_it_ended(screen, 10 * float(before)), pause=0.1):.2e}")
     screen.wait_for_line("filtered", filtered(z, q=q), tolerance=1e-9)
     lag = float(steady_state(FilterParams(q, starting_params(z).r)).lag_samples)
-    screen.page.get_by_text(f"lag {lag_text(lag, DEMO.sample_period)} · noise").first.wait_for()
+    screen.page.get_by_text(lag_text(lag, DEMO.sample_period)).first.wait_for()
     screen.shot(f"{screen.name}-2-slider")
     press(screen, "Undo")
     screen.wait_for_value("process noise q", before)

@@ -879,12 +879,6 @@ PRESETS = {preset.title: preset for preset in _all()}
 """Presets by title, in the order of the menu."""
 
 
-def choose_preset(title: str) -> Change:
-    """Show what a preset would do."""
-    preset = _known(title)
-    return lambda state: state.with_view(preset=preset.title)
-
-
 def take_preset(title: str) -> Change:
     """Q, r and momentum of a preset become the present ones; the start and the gate stay."""
     preset = _known(title)
@@ -892,8 +886,7 @@ def take_preset(title: str) -> Change:
     def change(state: State) -> State:
         params = preset.params(state)
         values = {name: getattr(params, name) for name in ("q", "r", "momentum")}
-        tuned = state.with_standard_filter().with_tuning(**values, how=f"preset {preset.title}")
-        return tuned.with_view(preset=preset.title)
+        return state.with_standard_filter().with_tuning(**values, how=f"preset {preset.title}")
 
     return change
 

@@ -64,8 +64,6 @@ class View:
     """The simpler filter that is drawn beside the present one; any other word draws all."""
     search_method: str = "maximum lag"
     """How q and r are searched, one of the search methods of the dashboard."""
-    preset: str = ""
-    """Title of the preset that is selected; "" = the first."""
     window: tuple[float, float] | None = None
     """First and last time on screen, s; None = the whole recording."""
     resets: int = 0

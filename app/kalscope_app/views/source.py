@@ -287,6 +287,8 @@ UPLOAD_ORDER = -1.0
 MAX_NAME = 100
 """Characters of a name that an error message shows."""
 
+OPTIONS_HINT = "As on the command line, such as --delimiter tab --missing -200; a wrong word lists them all."
+
 PERIOD_HINT = "Time between two samples. Empty: as recorded."
 
 
@@ -333,7 +335,11 @@ class SourceView:
                 gui, self._session, "sample period", "sample period (s)", PERIOD_HINT, _period_typed
             )
             report = gui.add_markdown("")
-            self._options = gui.add_text("import options", "", hint=f"Some of {', '.join(OPTIONS)}.")
+            self._options = gui.add_text(
+                "import options",
+                "",
+                hint=OPTIONS_HINT,
+            )
             again = gui.add_button("Re-import", hint="Reads the file with these options, and what was added to it.")
         on_user(again.on_click, lambda _client: self._read_again(self._options.value))
         self._report = report  # last: a frame may come at any time

@@ -9,7 +9,6 @@ import pytest
 
 from kalscope_app.program import user_settings
 from kalscope_app.program.user_settings import FOLDER_VARIABLE, UserSettings, config_folder, state_folder
-from kalscope_app.views.help import KEYS, STEPS, card
 
 
 def test_the_tour_is_seen_once_it_was_put_away(tmp_path):
@@ -69,15 +68,6 @@ def test_a_folder_that_cannot_be_made_is_an_error_of_the_system(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(OSError, match="file"):
         UserSettings(tmp_path / "file" / "kalscope").keep(tour_seen=True)
-
-
-def test_the_tour_has_at_most_five_short_steps():
-    assert len(STEPS) <= 5
-    assert all(len(text) < 400 for _, text in STEPS)
-
-
-def test_the_card_names_every_key():
-    assert all(f"| {what} | {does} |" in card() for what, does in KEYS)
 
 
 @pytest.mark.skipif(os.name == "nt", reason="pipes and devices have no names there")

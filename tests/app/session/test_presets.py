@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 import pytest
 
 from kalscope import BadSetting, Recording, kalman_filter, starting_params, steady_state
 from kalscope.papers.generalized import GeneralizedParams
-from kalscope_app.session.changes import PRESETS, choose_preset, set_text, take_preset, use_paper_filter
+from kalscope_app.session.changes import PRESETS, set_text, take_preset, use_paper_filter
 from kalscope_app.session.opening import opened
 from kalscope_app.session.session import Session, undo
-from kalscope_app.views.tune import preset_text
 
 
 @pytest.fixture
@@ -41,7 +38,6 @@ def test_the_preset_with_momentum_is_as_calm_as_balanced_and_does_what_it_says(s
     assert float(steady.noise_reduction_db) == pytest.approx(float(reference.noise_reduction_db), abs=0.01)
     assert float(steady.overshoot) == pytest.approx(0.1, abs=1e-3)
     assert f"a lag of {float(steady.lag_samples):.1f} samples instead of 10" in PRESETS[ramps].why
-    assert "| overshoot | 0 % | **10 %** |" in preset_text(state, ramps, steady_state(state.params))
     assert take_preset(balanced)(taken).tuning.momentum == 0.0
 
 
@@ -68,25 +64,14 @@ def test_the_documents_pairs_are_taken_as_printed(state, beginning, q, r):
     assert taken.tuning.how == f"preset {beginning}"
 
 
-def test_choosing_shows_and_changes_nothing(state):
-    for title, preset in PRESETS.items():
-        seen = choose_preset(title)(state)
-        assert seen.settings.tunings == state.settings.tunings
-        text = preset_text(seen, title, steady_state(seen.params))
-        assert math.isfinite(float(steady_state(preset.params(seen)).lag_samples))
-        assert text.startswith(preset.why)
-        assert "| lag |" in text
-
-
 def test_taking_one_is_one_step_that_undo_takes_back(state):
     session = Session(state)
     session.request(set_text("p0", "3"))
     for title in PRESETS:
-        session.request(choose_preset(title))
         session.request(take_preset(title))
         taken, _, failures = session.apply_requests()
         assert failures == []
-        assert (taken.tuning.p0, taken.view.preset) == (3.0, title)  # the start stays
+        assert taken.tuning.p0 == 3.0  # the start stays
         session.request(undo)
         assert session.apply_requests()[0].tuning.q == state.tuning.q
 

@@ -77,9 +77,9 @@ def test_a_row_follows_its_sensor_and_one_that_drops_out_keeps_its_tick_box_alon
     bench, _, door = view._rows[:3]
     share = f"bench: share {100 * state.fusion.shares['bench']:.0f} %"
     assert bench._tick.label == share
-    assert door._slider.visible
+    assert door._r.slider.visible
     view.show(frame_of(set_taking_part("door", False)(state)))
-    assert (door.ticked, door._tick.visible, door._slider.visible) == (False, True, False)
+    assert (door.ticked, door._tick.visible, door._r.slider.visible) == (False, True, False)
     assert bench._tick.label != share
     assert door._tick.label == "door"
 
