@@ -394,10 +394,11 @@ def test_a_question_about_the_file_is_answered_by_its_button_and_missing_samples
     screen.page.get_by_role("button", name="Read 400 as missing").click()
     known = np.where(values == 400, np.nan, values)
     screen.wait_for_line("filtered", filtered(known), tolerance=1e-12)
+    screen.wait(f"() => ({FIND})('raw').data[1].some(Number.isNaN)")
     for label in ("raw", "innovation"):
         _, y = screen.line(label)
         assert np.array_equal(np.isfinite(y[1:]), np.isfinite(known[1:]))  # the first sample has no innovation
-    screen.page.get_by_text("80 missing").wait_for()
+    screen.page.get_by_text("200 samples · 80 missing").wait_for()
     question.wait_for(state="detached")
     screen.tab("Source")
     screen.wait_for_value("import options", "--missing=400")

@@ -101,8 +101,8 @@ def put(handle: Any, **properties: Any) -> None:
 
 
 def typed(value: float) -> str:
-    """A value for a text box, up to eight digits, without padding zeros: 0.0589, 1e-9, 1469.18."""
-    text = f"{value:.8g}"
+    """A value for a text box, up to seven digits, without padding zeros: 0.0589, 1e-9, 1469.18."""
+    text = f"{value:.7g}"
     return re.sub(r"e([+-])0*(\d)", lambda m: f"e{m[1].replace('+', '')}{m[2]}", text)
 
 
@@ -197,7 +197,9 @@ class NumberWithSlider:
 
 def on_decades(value: float | None, low: int, high: int, beyond: str = "") -> tuple[float, Ends]:
     """Position and ends of a slider over 10^low … 10^high; `beyond` names one more step at its right, for None."""
-    right = (high + 1.0, beyond) if beyond else (float(high), f"1e{high}")
+    ends = (float(low), f"1e{low}"), (float(high), f"1e{high}")
+    if beyond:
+        ends = (float(low), ""), (high + 1.0, beyond)  # there is no room for both words
     if value is None:
-        return right[0], ((float(low), f"1e{low}"), right)
-    return min(max(math.log10(value), low), high) if value > 0.0 else float(low), ((float(low), f"1e{low}"), right)
+        return ends[1][0], ends
+    return min(max(math.log10(value), low), high) if value > 0.0 else float(low), ends

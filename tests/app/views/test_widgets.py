@@ -27,16 +27,15 @@ def test_only_what_differs_is_written():
 
 
 @given(st.floats(1e-300, 1e300))
-def test_what_a_box_shows_reads_back_to_eight_digits(value):
-    assert float(typed(value)) == pytest.approx(value, rel=1e-7)
+def test_what_a_box_shows_reads_back_to_seven_digits(value):
+    assert float(typed(value)) == pytest.approx(value, rel=1e-6)
     assert "e-0" not in typed(value)
 
 
 @pytest.mark.parametrize(("value", "place"), [(None, 7.0), (100.0, 2.0), (0.0, -6.0), (1e-9, -6.0), (1e9, 6.0)])
 def test_a_slider_ends_at_automatic_on_its_right(value, place):
-    ends = ((-6.0, "1e-6"), (7.0, "automatic"))
-    assert on_decades(value, -6, 6, "automatic") == (place, ends)
-    assert on_decades(1.0, -6, 6) == (0.0, (ends[0], (6.0, "1e6")))
+    assert on_decades(value, -6, 6, "automatic") == (place, ((-6.0, ""), (7.0, "automatic")))
+    assert on_decades(1.0, -6, 6) == (0.0, ((-6.0, "1e-6"), (6.0, "1e6")))
 
 
 @given(st.text(max_size=200))
