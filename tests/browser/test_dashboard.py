@@ -14,7 +14,7 @@ from waiting import PATIENCE
 from kalscope import FilterParams, estimate, kalman_filter, open_source, ratio_for, starting_params, steady_state
 from kalscope.common.text import lag_text
 from kalscope.papers.reproduction import list_experiments, open_experiment
-from kalscope_app.views.charts import DARK, LIGHT, range_text
+from kalscope_app.views.charts import range_text
 from kalscope_app.views.goal import MORE_FOLDER
 from kalscope_app.views.source import experiment_label
 
@@ -310,40 +310,6 @@ def test_the_saved_file_reopens_the_same_filter_and_filters_alike_without_a_dash
     again = start("--config", "tuning.toml", own=True)
     again.wait_for_line("filtered", filtered(nile, q=1469.1, r=15099))
     again.wait_for_value(Q, "1469.1")
-
-
-def test_many_samples_are_thinned_for_drawing_only_and_that_is_said(start):
-    spec = "synthetic:random_walk?n=200000&sample_period=0.001"
-    screen = start(spec)
-    z = open_source(spec).values[:, 0]
-    time, drawn = screen.line("filtered")
-    assert len(time) <= 4000
-    at = np.rint(time * 1000).astype(int)
-    assert np.allclose(drawn, filtered(z)[at], rtol=0, atol=1e-12)
-    screen.page.get_by_text("statistics use all").wait_for()
-    drag_across(screen, 0.91, 0.99)
-    screen.wait(f"() => ({FIND})('filtered')?.data[0][0] > 179")
-    screen.shot("thinned-zoomed")
-
-
-def test_a_phone_shows_the_signal_behind_the_controls_in_both_themes(start):
-    screen = start("synthetic:sine?n=3000&sigma=0.2&seed=1", own=True, width=390, height=844)
-    for theme, palette in (("light", LIGHT), ("dark", DARK)):
-        if theme == "dark":
-            screen.tab("View")
-            screen.page.get_by_text("dark theme").click()
-            screen.wait("() => document.documentElement.getAttribute('data-mantine-color-scheme') === 'dark'")
-            screen.tab("Tune")
-        orange = np.array([int(palette.filtered[i : i + 2], 16) for i in (1, 3, 5)])
-
-        def is_drawn(rgb, orange=orange):
-            """The line is above the controls, and there is no map beside them."""
-            line = np.abs(rgb[:300] - orange).max(axis=2) < 40
-            return np.ptp(rgb[600:800, 5:100], axis=(0, 1)).max() < 3 and line.sum() > 500
-
-        screen.wait_for_picture(is_drawn)
-        assert screen.page.evaluate("() => document.documentElement.scrollWidth <= window.innerWidth")
-        screen.shot(f"390x844-{theme}")
 
 
 def test_finding_q_and_r_shows_before_and_after_and_can_be_undone(start):

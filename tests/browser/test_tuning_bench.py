@@ -122,11 +122,3 @@ def drawn(screen, label, axes):
     at = np.rint(time * 100).astype(int)
     assert at[-1] == len(axes) - 1
     return at
-
-
-def test_sixteen_channels_fit_into_the_tab(start):
-    screen = start("synthetic:sine?n=5000&channels=16&sigma=0.2&seed=1")
-    screen.tab("Channels")
-    screen.wait(f"() => ({FIND})('16')")
-    screen.page.get_by_role("row", name=re.compile("^16 ")).wait_for()
-    screen.shot("sixteen-channels")

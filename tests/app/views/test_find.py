@@ -14,17 +14,12 @@ from kalscope.common.progress import Progress
 from kalscope.common.text import percent
 from kalscope.estimation.methods import METHODS
 from kalscope.estimation.request import FitResult, find_parameters
-from kalscope_app.engine.filter_runs import choose_samples
-from kalscope_app.engine.frame import compute_frame
 from kalscope_app.session.changes import apply_found, select_channel, set_method_comparison, set_text
 from kalscope_app.session.opening import opened
 from kalscope_app.studies.checks import compute_checks
 from kalscope_app.studies.comparisons import compare_methods
 from kalscope_app.views.checks import comparison_text, correlation_lines, table
 from kalscope_app.views.goal import (
-    GOALS,
-    MORE_METHODS,
-    OVERSHOOT,
     SEARCH_METHODS,
     account_text,
     answer_text,
@@ -167,17 +162,6 @@ def test_the_lag_is_asked_for_in_a_unit_that_suits_the_record():
         assert target == (("lag_samples", 10.0) if period is None else ("lag_s", max(0.05, 5.0 * period)))
 
 
-def test_an_overshoot_is_asked_for_only_where_it_can_mean_something(state):
-    assert state.view.search_method == GOALS[0] == "maximum lag"
-    moving = state.with_tuning(momentum=10.0)
-    for goal in ("maximum lag", "noise reduction"):
-        assert [len(method_of(one.with_view(search_method=goal)).boxes) for one in (state, moving)] == [1, 2]
-    assert MORE_METHODS[:1] == ("a still stretch, fit q",)
-    told = state.with_view(search_method="lag with overshoot")
-    assert [label for label, _ in method_of(told).boxes] == ["lag (ms)", OVERSHOOT]
-    assert method_of(told).request(told, ["50", "8"]).overshoot == 0.08
-
-
 def test_the_answer_says_what_momentum_costs(state):
     found = FitResult(FilterParams(1.0, 2.0, momentum=24.0), "maximum likelihood", "Found.")
     text = answer_text(apply_found(state.recording, "a", found)(state))
@@ -254,17 +238,6 @@ def test_the_account_of_an_estimate_stands_apart_from_its_short_answer(state):
     chosen = apply_found(state.recording, "a", search(state, "maximum lag", "50"))(state)
     assert account_text(chosen) == account_text(state) == ""
     assert "More settings" not in answer_text(chosen)
-
-
-def test_the_gate_is_typed_and_its_refusals_are_counted(state):
-    values = state.recording.values.copy()
-    values[500, 0] += 1000.0
-    spiked = opened(replace(state.recording, values=values))
-    gated = set_text("gate", "5")(spiked)
-    assert compute_frame(gated, 0, choose_samples(gated.recording, "a", None)).rejected >= 1
-    assert set_text("gate", "off")(gated).tuning.gate is None
-    with pytest.raises(BadSetting, match="gate must be"):
-        set_text("gate", "0")(spiked)
 
 
 def test_checks_say_too_slow_and_how_much(state):
