@@ -145,8 +145,6 @@ def drag_across(screen, first, last):
 def test_tuning_by_keys_text_and_mouse_moves_the_curve_and_only_two_gestures_the_zoom(start):
     screen = start("demo")
     screen.wait_for_fit()
-    over = screen.page.locator(".u-over").first.bounding_box()
-    y = over["y"] + over["height"] / 2
     drag_across(screen, 0.25, 0.5)
     screen.wait(f"() => ({FIND})('filtered')?.data[0].length < {len(DEMO) // 2}")  # the window follows the zoom
     zoom = screen.range("x")
@@ -191,8 +189,20 @@ def test_tuning_by_keys_text_and_mouse_moves_the_curve_and_only_two_gestures_the
     screen.page.keyboard.press("Control+Shift+z")
     screen.wait_for_line("filtered", shown())
     assert screen.range("x") == zoom
+
+
+def test_a_zoom_is_moved_by_keys_and_ended_by_two_gestures(start):
+    screen = start("demo")
+    screen.wait_for_fit()
+    end = (len(DEMO) - 1) / 50
+    drag_across(screen, 0.25, 0.5)
+    screen.wait(f"() => ({FIND})('filtered')?.data[0].length < {len(DEMO) // 2}")
+    first = screen.range("x")[0]
+    screen.page.get_by_role("slider", name="begin of the view").focus()
+    screen.page.keyboard.press("ArrowLeft")
+    screen.wait(f"(low) => ({FIND})('filtered').data[0][0] < low", first)
     reset = screen.page.get_by_role("button", name="Reset view")
-    for show_all in (lambda: screen.page.mouse.dblclick(over["x"] + 0.4 * over["width"], y), reset.click):
+    for show_all in (screen.page.locator(".u-over").first.dblclick, reset.click):
         reset.wait_for()
         show_all()
         screen.wait_for_line("filtered", filtered(DEMO))
@@ -226,16 +236,16 @@ def test_a_figure_another_sample_its_channels_and_the_generator(start):
     screen = start("demo")
     screen.tab("Source")
     experiment = next(one for one in list_experiments() if one.name == "generalized_figure_7")
-    screen.choose("re-created figure", experiment_label(experiment))
+    screen.choose("sample or figure", experiment_label(experiment))
     recording, filters = open_experiment(experiment.name)
     channel = recording.names[0]
     screen.wait_for_line("filtered", filters[channel].run(recording.channel(channel)).x)
-    screen.choose("sample", "Nile at Aswan")
+    screen.choose("sample or figure", "Nile at Aswan")
     nile = open_source("sample:nile").values[:, 0]
     screen.wait_for_line("filtered", filtered(nile))
     assert screen.range("x") == pytest.approx((1871, 1970))
     screen.shot("nile")
-    screen.choose("sample", "Resting LIS302DL (re-creation)")
+    screen.choose("sample or figure", "Resting LIS302DL (re-creation)")
     axes = open_source("sample:lis302dl")
     screen.wait_for_line("raw", axes.values[:, 0])
     screen.tab("Tune")

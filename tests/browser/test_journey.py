@@ -139,7 +139,7 @@ def test_a_student_sees_a_figure_tries_p0_and_takes_a_report(start, tmp_path):
     screen = start("demo", width=1440, height=900)
     hand, page = Hand(screen), screen.page
     hand.press("Source", "tab")
-    hand.choose("re-created figure", experiment_label(figure))
+    hand.choose("sample or figure", experiment_label(figure))
     recording, filters = open_experiment(figure.name)
     printed = filters["signal"].params
     screen.wait_for_line("raw", recording.values[:, 0])

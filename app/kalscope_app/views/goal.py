@@ -26,7 +26,6 @@ from kalscope_app.session.changes import (
 )
 from kalscope_app.session.session import Failed, Session
 from kalscope_app.session.state import Outcome, State
-from kalscope_app.views.charts import Scale, time_scale_for
 from kalscope_app.views.widgets import SlowJobProgress, bind, noise_left, on_user
 from kalscope_app.views.window import PRIMARY
 
@@ -95,37 +94,15 @@ def _noise(*names: tuple[str, str, str]) -> SearchMethod:
     return SearchMethod(request, tuple((label, content) for _, label, content in names))
 
 
-def _still(state: State, texts: list[str]) -> Request:
-    """The stretch that is typed, in the unit of the time axis, or else the part on screen."""
-    if state.view.window is None and not all(text.strip() for text in texts):
-        raise BadSetting(
-            "the still stretch must be given: type from and to, or narrow the view to it (got neither)"
-        )
-    time, factor = state.recording.time, clock_of(state).factor
-    shown = state.view.window or (float(time.min()), float(time.max()))
-    first, last = (
-        typed_number(label, text) / factor if text.strip() else default
-        for label, text, default in zip(("from", "to"), texts, shown, strict=False)
-    )
-    low, high = min(first, last), max(first, last)
-    slack = 1e-9 * max(abs(low), abs(high))  # 0.1 h is 360 s only up to rounding
-    at = ((time >= low - slack) & (time <= high + slack)).nonzero()[0]
+def _still(state: State, _texts: list[str]) -> Request:
+    if state.view.window is None:
+        raise BadSetting("the still stretch must be on screen: drag across it in the chart first (got all samples)")
+    time, (first, last) = state.recording.time, state.view.window
+    at = ((time >= first) & (time <= last)).nonzero()[0]
     if len(at) == 0:
-        raise BadSetting(
-            "the still stretch must lie inside the recording "
-            f"(got {number(low * factor, 4)} to {number(high * factor, 4)})"
-        )
+        raise BadSetting("the part on screen must hold samples (got none)")
     return Request(noise=Noise(still=(int(at[0]), int(at[-1]) + 1)))
 
-
-def clock_of(state: State) -> Scale:
-    """Unit of the time axis on screen."""
-    time = state.recording.time
-    first, last = state.view.window or (float(time.min()), float(time.max()))
-    return time_scale_for(last - first, state.recording.sample_period)
-
-
-STILL = "a still stretch, fit q"
 
 LAG_HINT = "The largest lag that you accept: the setting within it that leaves the least noise is used."
 
@@ -135,8 +112,6 @@ BOX_HINTS = {
     "reduction (dB)": "How much less noise: 20 dB is a tenth of its size, 6 dB half of it.",
     OVERSHOOT: "How far a step may overshoot: more of it gives less noise or lag. Empty: the present momentum.",
     "gain K": "The weight of each new sample in the estimate, between 0 and 1.",
-    "from": "Where the stretch begins, as on the time axis. Empty: where the part on screen begins.",
-    "to": "Where the stretch ends, as on the time axis. Empty: where the part on screen ends.",
     "σ (std)": "The noise of one reading, one standard deviation, in the unit of the signal.",
     "per √Hz": "The noise density, in the unit of the signal per √Hz.",
     "bandwidth (Hz)": "The bandwidth that goes with the density.",
@@ -156,7 +131,7 @@ SEARCH_METHODS: dict[str, SearchMethod] = {
     "cut-off frequency": _target("cutoff_hz", "cut-off (Hz)", "1"),
     "noise reduction": _target("noise_reduction_db", "reduction (dB)", "12", with_overshoot=True),
     "best fit": _method("ml"),
-    STILL: SearchMethod(_still, (("from", ""), ("to", ""))),
+    "a still stretch, fit q": SearchMethod(_still),
     "data sheet σ, fit q": _noise(("sigma", "σ (std)", "")),
     "data sheet density, fit q": _noise(("density", "per √Hz", ""), ("bandwidth_hz", "bandwidth (Hz)", "")),
     "lag with overshoot": _lag(0.01),
@@ -331,9 +306,7 @@ class GoalView:
         self._method.visible = name not in GOALS
         if name not in GOALS:
             self._method.value = name
-        labels = tuple(
-            f"{label} ({clock_of(state).unit})" if label in ("from", "to") else label for label, _ in wanted
-        )
+        labels = tuple(label for label, _ in wanted)
         for i, box in enumerate(self._boxes):
             box.visible = i < len(wanted)
             if i < len(wanted):

@@ -149,7 +149,7 @@ def moves_too_often(frame: Frame, seconds: float) -> bool:
 # The charts: raw and filtered signal with its band, innovation with its band, and the gain or the velocity.
 
 
-LIVE_HEIGHT, ZOOMED_HEIGHT, QUESTION_HEIGHT = 122, 58, 30
+LIVE_HEIGHT, ZOOMED_HEIGHT, QUESTION_HEIGHT = 104, 58, 30
 """Heights in px that the controls of a live record with its second line of heading, the controls of a zoom, and a
 question about the file take from the chart below."""
 

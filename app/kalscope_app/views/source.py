@@ -231,37 +231,25 @@ class SamplesView:
 
     def __init__(self, gui: viser.GuiApi, session: Session, open_spec: Callable[[str, Failed], None]) -> None:
         """Args: the usual; opens the source of this name."""
-        self._samples = {sample_label(sample.title, sample.made): sample.name for sample in list_samples()}
-        self._figures = {experiment_label(one): one.name for one in list_experiments()}
+        samples = {sample_label(sample.title, sample.made): f"sample:{sample.name}" for sample in list_samples()}
+        self._specs = samples | {experiment_label(one): f"experiment:{one.name}" for one in list_experiments()}
         with gui.add_folder("Samples and papers"):
-            self._sample = gui.add_dropdown(
-                "sample", (NONE, *self._samples), hint="Recordings that come with Kalscope."
-            )
-            self._figure = gui.add_dropdown(
-                "re-created figure",
-                (NONE, *self._figures),
-                hint="Figures of the three source documents, which publish pictures and no data.",
-            )
+            hint = "What comes with Kalscope, and figures re-created from three documents that publish no data."
+            self._menu = gui.add_dropdown("sample or figure", (NONE, *self._specs), hint=hint)
 
-        def open_sample() -> None:
-            if (name := self._samples.get(self._sample.value)) is not None:
+        def open_chosen() -> None:
+            kind, _, name = self._specs.get(self._menu.value, "").partition(":")
+            if kind == "experiment":
+                session.request(lambda state: opened_experiment(name, state), failed=Failed.OPEN)
+            elif kind:
                 open_spec(f"sample:{name}", Failed.OPEN)
 
-        def open_figure() -> None:
-            if (name := self._figures.get(self._figure.value)) is not None:
-                session.request(lambda state: opened_experiment(name, state), failed=Failed.OPEN)
-
-        on_user(self._sample.on_update, lambda _client: open_sample())
-        on_user(self._figure.on_update, lambda _client: open_figure())
+        on_user(self._menu.on_update, lambda _client: open_chosen())
 
     def show(self, frame: Frame) -> None:
-        """Show which sample or figure is open."""
+        """Show which one is open."""
         source = frame.state.recording.source
-        for menu, names, kind in (
-            (self._sample, self._samples, "sample:"),
-            (self._figure, self._figures, "experiment:"),
-        ):
-            menu.value = next((label for label, name in names.items() if source == f"{kind}{name}"), NONE)
+        self._menu.value = next((label for label, spec in self._specs.items() if spec == source), NONE)
 
 
 def sample_label(title: str, made: str) -> str:

@@ -171,6 +171,7 @@ def test_the_answer_says_what_momentum_costs(state):
 
 
 WITHOUT_BOX = [way for way, method in SEARCH_METHODS.items() if not method.boxes and method.preset is None]
+WITHOUT_BOX.remove("a still stretch, fit q")  # it needs a part on screen
 
 
 @pytest.mark.parametrize("way", WITHOUT_BOX)
@@ -180,14 +181,9 @@ def test_every_way_without_a_box_answers(state, way):
     assert found.message
 
 
-@pytest.mark.parametrize(
-    ("texts", "samples"), [(("1", "3"), 201), (("3", "1"), 201), (("", ""), 501), (("", "12"), 201)]
-)
-def test_a_still_stretch_is_typed_or_the_part_on_screen(texts, samples):
-    resting = recording(q=0.0)
-    state = opened(resting).with_view(window=(10.0, 15.0))
-    found = search(state, "a still stretch, fit q", *texts)
-    assert f"over {samples} readings" in found.message
+def test_a_still_stretch_is_the_part_on_screen():
+    state = opened(recording(q=0.0)).with_view(window=(10.0, 15.0))
+    assert "over 501 readings" in search(state, "a still stretch, fit q").message
 
 
 @pytest.mark.parametrize(
@@ -199,8 +195,7 @@ def test_a_still_stretch_is_typed_or_the_part_on_screen(texts, samples):
         ("cut-off frequency", ["51"]),
         ("data sheet σ, fit q", [""]),
         ("data sheet density, fit q", ["0.1", "x"]),
-        ("a still stretch, fit q", ["99", "100"]),
-        ("a still stretch, fit q", ["1", "1.02"]),
+        ("a still stretch, fit q", []),
     ],
 )
 def test_what_cannot_be_meant_is_refused(state, way, texts):

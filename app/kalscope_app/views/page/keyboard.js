@@ -43,6 +43,10 @@ const nameTheRest = () => {
     plot.role = "img";
     describe(plot, `Chart of ${[...chart.querySelectorAll(".u-legend .u-label")].map((one) => one.textContent).join(", ")}`);
   }
+  for (const thumb of document.querySelectorAll(".multi-slider-thumb")) {
+    Object.assign(thumb, { tabIndex: 0, role: "slider", ariaValueNow: parseFloat(thumb.style.left) });
+    describe(thumb, thumb.previousElementSibling?.matches(".multi-slider-thumb") ? "end of the view" : "begin of the view");
+  }
   for (const view of document.querySelectorAll(".mantine-ScrollArea-viewport"))
     if (!view.querySelector(FOCUSABLE)) view.tabIndex = 0; // else no key scrolls it
   for (const cell of document.querySelectorAll("th:empty:not([role])")) cell.role = "cell"; // heads no column
@@ -97,6 +101,21 @@ addEventListener("DOMContentLoaded", () =>
 );
 
 addEventListener("DOMContentLoaded", () => (document.getElementById("root").role = "main"));
+
+// The range control of viser listens to the mouse alone: an arrow key moves a thumb by a hundredth of the track.
+const moveThumb = (event) => {
+  const thumb = event.target;
+  const turn = { ArrowLeft: -1, ArrowRight: 1 }[event.key];
+  if (!turn || !thumb.matches?.(".multi-slider-thumb")) return;
+  const { left, width } = thumb.getBoundingClientRect();
+  const clientX = left + width / 2 + (turn * thumb.parentElement.clientWidth) / 100;
+  thumb.dispatchEvent(new MouseEvent("mousedown", { bubbles: true }));
+  setTimeout(() => {
+    for (const type of ["mousemove", "mouseup"]) document.dispatchEvent(new MouseEvent(type, { clientX }));
+  }, 20); // once React has seen the press
+};
+
+addEventListener("keydown", moveThumb, true); // before the listener above ends the event
 
 let waiting = 0;
 const onChange = () => (waiting ||= setTimeout(() => ((waiting = 0), label()), 200));
