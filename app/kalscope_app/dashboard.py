@@ -31,7 +31,7 @@ from kalscope_app.views.checks import ChecksView, EstimatorsView, MomentumProfil
 from kalscope_app.views.export import CodeView, CommandLineView, ReportView, TuningFileView, device_notes
 from kalscope_app.views.fusion import FusionView
 from kalscope_app.views.goal import MORE_FOLDER, GoalView
-from kalscope_app.views.help import HelpView, Tour
+from kalscope_app.views.help import FirstSteps, HelpView
 from kalscope_app.views.live import LiveView
 from kalscope_app.views.map import TuningMapView
 from kalscope_app.views.phone import PhonePictures
@@ -82,7 +82,6 @@ class Dashboard:
         self.session = Session(state, self._connection)
         self._jobs, self._worker = Jobs(tell), Worker()
         self._panels = Panels(server)
-        self._tour = Tour(self._settings, self._jobs)
         self._note = ""
         self._views = GuardedViews(tell)
         self._last: Frame | None = None
@@ -145,9 +144,9 @@ class Dashboard:
         self._map.build_button(gui, self._settings, self._jobs)
         self._verdict.build_reasons(gui)
         tabs = gui.add_tab_group()
-        with tabs.add_tab("Tune") as tune:
+        with tabs.add_tab("Tune"):
+            steps = FirstSteps(gui, self._settings, self._jobs)
             self._build_tune(gui)
-        self._tour.put_into(tune)
         with tabs.add_tab("Source"):
             self._source = SourceView(gui, self.session, self._jobs, self._worker, self._kept.last())
             recording = BoardRecording(self._connection, folder, self.notifications.tell, self.session.wakeup.set)
@@ -167,7 +166,7 @@ class Dashboard:
             self._view = ViewTab(gui, self.session)
             self._map.build_controls(gui)
         with tabs.add_tab("Help"):
-            self._help = HelpView(gui, self._tour)
+            HelpView(gui, steps)
 
     def _build_tune(self, gui: viser.GuiApi) -> None:
         self._chain = ChainView(gui, self.session)
@@ -280,11 +279,10 @@ class Dashboard:
         return Study(compute, draw, lambda error: self._fail(error, *shows))
 
     def _on_connect(self, client: viser.ClientHandle) -> None:
-        """A new browser: its own upload button, its picture if it is on a phone, the tour, and what it missed."""
+        """A new browser: its own upload button, its picture if it is on a phone, and what it missed."""
         self._source.add_upload(client)
         self._tuning_file.add_upload(client)
         self._phones.attach(client)
-        self._tour.attach(client)
         self.notifications.attach(client)
         if client.client_id not in self._server.get_clients():  # gone already: both run in a pool, in any order
             self._on_disconnect(client)

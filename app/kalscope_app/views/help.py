@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import threading
-from contextlib import AbstractContextManager
 from functools import partial
 from typing import TYPE_CHECKING
-from weakref import WeakSet
 
 import viser
 
@@ -18,7 +15,7 @@ if TYPE_CHECKING:
     from kalscope_app.program.user_settings import UserSettings
 
 
-# The first steps: three sentences above the goal, which cover nothing. Each browser has its own.
+# The first steps: three sentences above the goal, which cover nothing.
 
 
 FIRST_STEPS = (
@@ -32,43 +29,25 @@ FIRST_STEPS = (
 DONE, LATER = "Got it", "Later"
 
 
-class Tour:
-    """Shows the first steps until they are put away, or when asked."""
+class FirstSteps:
+    """They stand there until they are put away, and again when asked."""
 
-    def __init__(self, settings: UserSettings, jobs: Jobs) -> None:
-        self._settings, self._jobs = settings, jobs
-        self._over = settings.tour_seen
-        self._place: AbstractContextManager[object] | None = None
-        self._building = threading.Lock()
-        self._shown = WeakSet[viser.ClientHandle]()
+    def __init__(self, gui: viser.GuiApi, settings: UserSettings, jobs: Jobs) -> None:
+        is_new = not settings.tour_seen
+        self._text = gui.add_markdown(FIRST_STEPS, visible=is_new)
+        hint = "Later: until the next start. The Help tab shows them again."
+        self._buttons = gui.add_button_group("", (DONE, LATER), visible=is_new, hint=hint)
 
-    def put_into(self, place: AbstractContextManager[object]) -> None:
-        """Args: the tab that shows them."""
-        self._place = place
+        def put_away() -> None:
+            self.show(visible=False)
+            if self._buttons.value == DONE:
+                jobs.run(partial(settings.keep, tour_seen=True))
 
-    def attach(self, client: viser.ClientHandle) -> None:
-        """Show them in a new browser unless they were seen or put off."""
-        if not self._over:
-            self.show(client)
+        on_user(self._buttons.on_click, lambda _client: put_away())
 
-    def show(self, client: viser.ClientHandle) -> None:
-        """Show them in one browser, above all else in their tab."""
-        if self._place is None or client in self._shown:
-            return
-        self._shown.add(client)
-        with self._building, self._place:  # two browsers may come at once, and viser enters a tab only once
-            text = client.gui.add_markdown(FIRST_STEPS, order=-2.0)
-            buttons = client.gui.add_button_group("", (DONE, LATER), order=-1.0)
-
-        def put_away(_client: viser.ClientHandle) -> None:
-            self._over = True
-            self._shown.discard(client)
-            text.remove()
-            buttons.remove()
-            if buttons.value == DONE:
-                self._jobs.run(partial(self._settings.keep, tour_seen=True))
-
-        on_user(buttons.on_click, put_away)
+    def show(self, *, visible: bool = True) -> None:
+        """Show or hide them."""
+        self._text.visible = self._buttons.visible = visible
 
 
 # The Help tab: keys and mouse on one card, and the first steps again.
@@ -92,9 +71,9 @@ KEYS = {
 class HelpView:
     """A card and a button."""
 
-    def __init__(self, gui: viser.GuiApi, tour: Tour) -> None:
+    def __init__(self, gui: viser.GuiApi, steps: FirstSteps) -> None:
         rows = "\n".join(f"| {what} | {does} |" for what, does in KEYS.items())
         gui.add_markdown(f"| keys and mouse | what it does |\n|---|---|\n{rows}\n\nOn a Mac: Cmd for Ctrl.")
         button = gui.add_button(STEPS_BUTTON, hint="In the Tune tab, above the goal.")
-        on_user(button.on_click, tour.show)
+        on_user(button.on_click, lambda _client: steps.show())
         gui.add_markdown("Point at a control to read what it does.")

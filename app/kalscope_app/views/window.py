@@ -163,7 +163,7 @@ class Notifications:
 
     def show_compiling(self, progress: Compiling) -> None:
         """Show how far the compiler is, which runs at the first start after an installation."""
-        if progress.is_busy:
+        if progress.is_busy and self._server.get_clients():
             self.tell(f"{progress}.".capitalize(), good=True)
 
     def show_failure(self, error: Exception) -> None:
