@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,9 +11,7 @@ from screen import FIND, Screen, dashboard
 from waiting import wait_until
 
 from kalscope import FilterParams, estimate, kalman_filter, open_source, ratio_for
-from kalscope.papers.reproduction import list_experiments, open_experiment
 from kalscope_app.program.user_settings import UserSettings
-from kalscope_app.views.source import experiment_label
 
 pytestmark = pytest.mark.browser
 DEMO = open_source("demo")
@@ -132,32 +129,3 @@ def recorded(folder: Path) -> int:
 
 def opened(folder: Path):
     return open_source(str(folder / "recording.csv"))
-
-
-def test_a_student_sees_a_figure_tries_p0_and_takes_a_report(start, tmp_path):
-    figure = next(one for one in list_experiments() if one.name == "noise_reducer_figure_6")
-    screen = start("demo", width=1440, height=900)
-    hand, page = Hand(screen), screen.page
-    hand.press("Source", "tab")
-    hand.choose("sample or figure", experiment_label(figure))
-    recording, filters = open_experiment(figure.name)
-    printed = filters["signal"].params
-    screen.wait_for_line("raw", recording.values[:, 0])
-    hand.press("Tune", "tab")
-    assert float(screen.text_box("process noise q").input_value()) == printed.q
-    hand.press("Pin")
-    screen.wait(f"() => !!({FIND})('A')")
-    hand.type("initial variance p0", "1")
-    screen.wait_for_line("filtered", kalman_filter(recording.values[:, 0], replace(printed, p0=1.0)).x, 1e-9)
-    screen.shot("journey-c-3-p0-is-1")
-    hand.press("Compare", "tab")
-    page.get_by_role("row").filter(has_text="A").first.wait_for()
-    hand.press("Export", "tab")
-    with page.expect_download() as report:
-        hand.press("Download report")
-    report.value.save_as(tmp_path / "report.html")
-    screen.shot("journey-c-4-report")
-    text = (tmp_path / "report.html").read_text()
-    assert "initial variance p0" in text
-    assert figure.title.split(":")[0] in text
-    assert hand.clicks <= 12

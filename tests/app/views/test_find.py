@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
-from kalscope import BadSetting, FilterParams, Recording, estimate, open_source, steady_state
-from kalscope.cli.tune_answer import answer_for
+from kalscope import BadSetting, FilterParams, Recording, estimate, steady_state
 from kalscope.cli.tune_options import TuneOptions
-from kalscope.common.progress import Progress
 from kalscope.common.text import percent
 from kalscope.estimation.methods import METHODS
 from kalscope.estimation.request import FitResult, find_parameters
@@ -71,44 +67,18 @@ COMMANDS = {
 }
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("way", COMMANDS)
-@pytest.mark.parametrize("source", ["demo", "spikes", "gaps", "no noise"])
-def test_the_dashboard_and_the_command_line_find_the_same(way, source):
+def test_the_dashboard_and_the_command_line_ask_for_the_same(state, way):
     option, text = COMMANDS[way]
-    at = opened(same_question(source))
-    asked = TuneOptions(**{option.removeprefix("--").replace("-", "_"): float(text)}).request(at.recording)
-    answer = answer_for(at.recording, at.channel, asked, Progress(None))
-    assert search(at, way, text) == answer.result
-    assert answer.result.params is not None
-    tuned = compute_checks(apply_found(at.recording, at.channel, answer.result)(at)).judgement
-    said = answer.judgement
-    assert (tuned.word, tuned.headline, tuned.findings) == (said.word, said.headline, said.findings)
+    options = TuneOptions(**{option.removeprefix("--").replace("-", "_"): float(text)})
+    assert SEARCH_METHODS[way].request(state, [text]) == options.request(state.recording)
 
 
-def test_what_is_known_about_the_noise_holds_for_the_next_goal_as_with_both_options(state):
-    known = search(state, "data sheet σ, fit q", "0.9")
-    told = apply_found(state.recording, "a", known)(state)
-    found = search(told, "maximum lag", "50")
-    both = TuneOptions(lag_ms=50.0, sigma=0.9).request(state.recording)
-    assert found == answer_for(state.recording, "a", both, Progress(None)).result
-    assert found.params.r == pytest.approx(0.81)
+def test_what_is_known_about_the_noise_holds_for_the_next_goal(state):
+    told = apply_found(state.recording, "a", search(state, "data sheet σ, fit q", "0.9"))(state)
+    assert search(told, "maximum lag", "50").params.r == pytest.approx(0.81)
     by_hand = told.with_tuning(r=2.0)  # nobody knows where this r comes from
     assert search(by_hand, "maximum lag", "50").params.r == estimate(state.z, momentum=0.0).r
-
-
-def same_question(source):
-    if source == "demo":
-        return open_source(source)
-    rec = recording()
-    values = rec.values.copy()
-    if source == "spikes":
-        values[50::100] += 30.0
-    elif source == "gaps":
-        values[100:140] = np.nan
-    elif source == "no noise":
-        values = np.cumsum(values, axis=0)
-    return replace(rec, values=values)
 
 
 @pytest.mark.parametrize(
