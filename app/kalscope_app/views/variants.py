@@ -103,9 +103,11 @@ def table_text(table: VariantComparison) -> str:
         return EMPTY
     rows = [_cells(table, row) for row in table.rows]
     columns = [name for name in rows[0] if any(cells[name] for cells in rows)]
-    lines = [columns, ["---"] * len(columns), *([cells[name] or "–" for name in columns] for cells in rows)]
+    shown = [columns, *([cells[name] or "–" for name in columns] for cells in rows)]
+    head, *lines = (f"| {' | '.join(line)} |" for line in shown)
     scored = {row.measures.fit.scored for row in table.rows if row.measures.fit}
-    return "\n".join(f"| {' | '.join(line)} |" for line in lines) + f"\n\n{EXPLAINED}{COMPARED[len(scored) < 2]}"
+    table_lines = "\n".join([head, "|" + "---|" * len(columns), *lines])
+    return f"{table_lines}\n\n{EXPLAINED}{COMPARED[len(scored) < 2]}"
 
 
 def _cells(table: VariantComparison, row: VariantRow) -> dict[str, str]:
