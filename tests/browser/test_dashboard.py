@@ -98,6 +98,7 @@ def test_the_first_screen_has_at_most_eighteen_controls_and_a_parameter_in_each_
         assert result.bounding_box()["y"] < slider["y"] < 720
         assert box["x"] + box["width"] < slider["x"]
         assert box["y"] < slider["y"] < box["y"] + box["height"]
+    assert screen.page.locator("label", has_text=R).bounding_box()["height"] < 24  # on one line
 
 
 def test_first_look_shows_the_demo_at_its_starting_values_and_a_start_by_value(start):
