@@ -378,7 +378,7 @@ def test_a_question_about_the_file_is_answered_by_its_button_and_missing_samples
     screen.page.get_by_text("200 samples · 80 missing").wait_for()
     question.wait_for(state="detached")
     screen.tab("Source")
-    screen.wait_for_value("import options", "--missing=400")
+    screen.wait_for_value("import options", "--missing 400")
     log.write_text(log.read_text() + "12000,21\n")
     screen.page.get_by_role("button", name="Re-import").click()
     screen.page.get_by_text("201 samples").first.wait_for()
