@@ -29,14 +29,14 @@ from kalscope_app.views.chart_tabs import AllanView, AlternativesView, ChannelsV
 from kalscope_app.views.checks import ChecksView, VerdictView
 from kalscope_app.views.export import CodeView, CommandLineView, ReportView, TuningFileView, device_notes
 from kalscope_app.views.fusion import FusionView
-from kalscope_app.views.goal import GoalView
-from kalscope_app.views.help import HelpView, Tour
+from kalscope_app.views.goal import MORE_FOLDER, GoalView
+from kalscope_app.views.help import FirstSteps, HelpView
 from kalscope_app.views.live import LiveView
 from kalscope_app.views.map import TuningMapView
 from kalscope_app.views.phone import PhonePictures
 from kalscope_app.views.signal import SignalView, WindowView
-from kalscope_app.views.source import SourceView
-from kalscope_app.views.tune import ChainView, NumbersView, ParametersView, StartView
+from kalscope_app.views.source import QuestionView, SourceView
+from kalscope_app.views.tune import ChainView, MoreView, ParametersView, add_steps
 from kalscope_app.views.variants import VariantsView
 from kalscope_app.views.window import Commands, GuardedViews, HeaderView, Notifications, Panels, ViewTab
 from kalscope_app.worker.worker import Worker
@@ -76,7 +76,6 @@ class Dashboard:
         self.session = Session(state, self._connection)
         self._jobs, self._worker = Jobs(tell), Worker()
         self._panels = Panels(server)
-        self._tour = Tour(self._settings, self._jobs)
         self._note = ""
         self._views = GuardedViews(tell)
         self._last: Frame | None = None
@@ -102,7 +101,6 @@ class Dashboard:
             self._study(compute_spectra, self._spectrum.show),
             self._study(compute_allan, self._allan.show),
             self._study(AlternativesStudy().compute, self._alternatives.show),
-            self._study(still.study, self._goal.offer_still),
             Study(self._keep_tuning, lambda _kept: None, lambda error: log.info("not kept: %s", describe(error))),
         ]
         self.engine = Engine(self.session, self.show, tell, Studies(rounds), self._fail)
@@ -119,8 +117,9 @@ class Dashboard:
         self._build_left(gui, folder)
         self._variants = VariantsView(gui, compare, self.session)
         with self._panels.charts:
+            self._question = QuestionView(gui, self._source)
             self._window = WindowView(gui, self.session)
-            self.signal = SignalView(gui)
+            self.signal = SignalView(gui, self._question.asks)
         with compare:
             self._alternatives = AlternativesView(gui, self.session)
         with channels:
@@ -137,6 +136,7 @@ class Dashboard:
         self._verdict.build_reasons(gui)
         tabs = gui.add_tab_group()
         with tabs.add_tab("Tune"):
+            steps = FirstSteps(gui, self._settings, self._jobs)
             self._build_tune(gui)
         with tabs.add_tab("Source"):
             self._source = SourceView(gui, self.session, self._jobs, self._worker, self._kept.last())
@@ -156,15 +156,16 @@ class Dashboard:
             self._view = ViewTab(gui, self.session)
             self._map.build_controls(gui)
         with tabs.add_tab("Help"):
-            self._help = HelpView(gui, self._tour)
+            HelpView(gui, steps)
 
     def _build_tune(self, gui: viser.GuiApi) -> None:
         self._chain = ChainView(gui, self.session)
         self._goal = GoalView(gui, self.session, self._jobs)
-        self.parameters = ParametersView(gui, self.session)
-        self._start = StartView(gui, self.session)
-        self._fusion = FusionView(gui, self.session, self._jobs)
-        self._numbers = NumbersView(gui)
+        self._parameters = ParametersView(gui, self.session, "q", "r", "p0")
+        add_steps(gui, self.session)
+        with gui.add_folder(MORE_FOLDER, expand_by_default=False):
+            self._fusion = FusionView(gui, self.session, self._jobs)
+            self._more = MoreView(gui, self.session)
         self._verdict.connect(self.session, self._goal)
 
     def start(self) -> None:
@@ -225,20 +226,12 @@ class Dashboard:
                 self.notifications.tell(self._note, good=True)
 
     def _show_numbers(self, frame: Frame) -> None:
-        for view in (
-            self._header,
-            self._verdict,
-            self._numbers,
-            self._goal,
-            self.parameters,
-            self._start,
-            self._chain,
-        ):
+        for view in self._header, self._verdict, self._goal, self._parameters, self._more, self._chain:
             self._draw(frame, view.show)
         self._draw(frame, self._fusion.show, self._map.follow)
 
     def _show_other(self, frame: Frame) -> None:
-        for view in self._view, self._window, self._source, self._live:
+        for view in self._view, self._question, self._window, self._source, self._live:
             self._draw(frame, view.show)
         if self._last is None or not only_grown(self._last, frame):
             for view in self._variants, self._channels, self._code, self._board, self._command_line:
@@ -272,11 +265,10 @@ class Dashboard:
         return Study(compute, draw, lambda error: self._fail(error, *shows))
 
     def _on_connect(self, client: viser.ClientHandle) -> None:
-        """A new browser: its own upload button, its picture if it is on a phone, the tour, and what it missed."""
+        """A new browser: its own upload button, its picture if it is on a phone, and what it missed."""
         self._source.add_upload(client)
         self._tuning_file.add_upload(client)
         self._phones.attach(client)
-        self._tour.attach(client)
         self.notifications.attach(client)
         if client.client_id not in self._server.get_clients():  # gone already: both run in a pool, in any order
             self._on_disconnect(client)

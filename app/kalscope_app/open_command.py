@@ -107,7 +107,6 @@ def serve(
     from kalscope_app.guard.viser_private import callback_errors_to, thread_pool
     from kalscope_app.program.log import ErrorReporter
     from kalscope_app.session.session import Failed
-    from kalscope_app.views.window import CompilingNote
 
     errors, opened, folder = ErrorReporter(), contextlib.ExitStack(), Path.cwd()
     dashboard: Dashboard | None = None
@@ -131,7 +130,7 @@ def serve(
                     dashboard = Dashboard(guarded.server, state, folder, log.file)
                     errors.notify = dashboard.notifications.show_failure
                     dashboard.start()
-                    watch_compiling(CompilingNote(guarded.server).show)
+                    watch_compiling(dashboard.notifications.show_compiling)
                     guarded.let_in()
                 while not end.wait(timeout=0.5):  # Windows wakes for Ctrl+C only between two waits
                     pass

@@ -29,7 +29,7 @@ RECORDINGS = {
 
 FEWER = {
     *("Undo", "Map", "Apply", "Pin", "Reset", "Add momentum", "Fuse", "Stop fusing", "Dark theme"),
-    *("Show velocity", "Use", "Delete", "Export this one", "Back to the Kalman filter"),
+    *("Show velocity", "Goal: best fit", "Use", "Delete", "Export this one", "Back to the Kalman filter"),
 }
 """Commands that change the filter or what is drawn: those of the ordinary run."""
 

@@ -170,7 +170,7 @@ def test_with_a_client_and_a_job_the_end_leaves_nothing_behind(tmp_path):
         port = port_of(url)
         with Guest(port, token_of(url)) as guest:
             guest.read_until(lambda: "Generate" in labels(guest))
-            guest.set(guest.find("samples"), "8000000")
+            guest.set(guest.find("numbers"), "n=8000000")
             guest.set(guest.find("Generate"), True)
             children = wait_until(lambda: children_of(program.pid), "the process that reads")
             code, out, err = end(program, signal.SIGINT)

@@ -35,7 +35,7 @@ def test_simpler_filters_spectrum_and_allan_deviation_in_both_themes(start):
     screen.shot("compare-all")
 
     screen.tab("Noise")
-    screen.page.get_by_text("Cut-off (−3 dB): 0.796 Hz").wait_for()
+    screen.page.get_by_text("Cut-off (−3 dB): 4.85 Hz").wait_for()
     assert screen.page.evaluate(f"() => ({FIND})('removed').scales.x.distr") == 3
     ticks = screen.page.evaluate(f"() => ({FIND})('removed').axes[0]._values")
     assert {"0.5", "1", "10"} <= set(ticks)

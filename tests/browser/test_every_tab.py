@@ -19,8 +19,8 @@ RULES = {"light": (), "dark": ("color-contrast",)}
 LEFT_TABS = ("Tune", "Source", "Export", "View", "Help")
 RIGHT_TABS = ("Signal", "Check", "Compare", "Channels", "Noise")
 CLOSED_FOLDERS = {
-    "Tune": ("Start and outliers", "Resulting filter"),
-    "Source": ("Advanced", "Generate a signal", "Import options"),
+    "Tune": ("More settings and numbers",),
+    "Source": ("Advanced", "Generate a signal"),
 }
 CHARTS = {"Signal": 2, "Check": 1, "Compare": 1, "Channels": 1, "Noise": 3}
 SAID = {

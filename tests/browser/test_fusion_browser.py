@@ -7,6 +7,7 @@ import re
 import numpy as np
 
 from kalscope import estimate_fusion, fuse, load_tuning, open_source
+from kalscope_app.views.goal import MORE_FOLDER
 
 SOURCE = "synthetic:sine?n=400&sigmas=0.1,0.2,0.4&offsets=0,0.3,-0.2&drop_outs=0.02"
 
@@ -29,6 +30,7 @@ def test_sensors_are_fused_one_drops_out_and_the_file_brings_them_back(start, tm
     z = open_source(SOURCE).values
     found = estimate_fusion(z, names=("a", "b", "c")).params
     screen = start(SOURCE)
+    screen.page.get_by_role("button", name=MORE_FOLDER).click()
     screen.page.get_by_text("Fuse sensors", exact=True).click()
     for name in ("a", "b", "c"):
         tick(screen, name)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,11 +10,9 @@ from hand import Hand
 from screen import FIND, Screen, dashboard
 from waiting import wait_until
 
-from kalscope import FilterParams, estimate, kalman_filter, open_source, ratio_for
-from kalscope.papers.reproduction import list_experiments, open_experiment
+from kalscope import FilterParams, kalman_filter, open_source, starting_params
+from kalscope.estimation.request import Request, find_parameters
 from kalscope_app.program.user_settings import UserSettings
-from kalscope_app.views.help import STEPS
-from kalscope_app.views.source import experiment_label
 
 pytestmark = pytest.mark.browser
 DEMO = open_source("demo")
@@ -43,21 +40,20 @@ def in_window(screen, *places):
 
 
 @pytest.mark.device
-def test_a_maximum_lag_becomes_a_sketch_that_compiles_in_at_most_eight_clicks(first_run, workshop, tmp_path):
+def test_a_maximum_lag_becomes_a_sketch_that_compiles_in_at_most_six_clicks(first_run, workshop, tmp_path):
     screen, hand, page = first_run, Hand(first_run), first_run.page
-    for number, (title, _) in enumerate(STEPS, 1):
-        page.get_by_text(f"{title} ({number} of {len(STEPS)})").wait_for()
-        screen.shot(f"journey-a-1-tour-{number}")
-        hand.press("Next" if number < len(STEPS) else "Done")
-    page.get_by_role("dialog").wait_for(state="detached")
+    page.get_by_text("First steps.").wait_for()
+    assert in_window(screen, page.get_by_role("button", name="Apply", exact=True))  # nothing covers it
+    screen.shot("journey-a-1-first-steps")
+    hand.press("Got it")
     assert screen.text_box("goal").input_value() == "maximum lag"
     assert screen.text_box("lag (ms)").input_value() == "50"
-    page.get_by_text("190 ms").first.wait_for()
-    screen.shot("journey-a-2-the-demo-lags")
+    page.get_by_text("12.4 ms").first.wait_for()
 
     hand.press("Apply")
-    z, r = DEMO.values[:, 0], estimate(DEMO.values[:, 0], momentum=0.0).r
-    asked = FilterParams(r * ratio_for(lag_s=0.05, sample_period=DEMO.sample_period), r)
+    z = DEMO.values[:, 0]
+    request = Request(target={"lag_s": 0.05}, momentum=starting_params(z).momentum)
+    asked = find_parameters(z, request, sample_period=DEMO.sample_period).params
     screen.wait_for_line("filtered", kalman_filter(z, asked).x)
     result = page.get_by_text("of the noise").first
     result.wait_for()
@@ -73,13 +69,13 @@ def test_a_maximum_lag_becomes_a_sketch_that_compiles_in_at_most_eight_clicks(fi
     assert workshop.sketch(sketch).flash > 0
     header = "".join(file.read_text() for file in sketch.parent.glob("*.h"))
     assert "lag behind a ramp 2.5 samples = 0.05 s" in header
-    assert hand.clicks <= 8
+    assert hand.clicks <= 6
     assert hand.seconds <= 60
 
     wait_until(lambda: UserSettings(tmp_path / "config").tour_seen, "the tour put away")
     page.reload()
     screen.ready()
-    assert page.get_by_role("dialog").count() == 0
+    assert page.get_by_text("First steps.").count() == 0
 
 
 @pytest.mark.device
@@ -134,39 +130,3 @@ def recorded(folder: Path) -> int:
 
 def opened(folder: Path):
     return open_source(str(folder / "recording.csv"))
-
-
-def test_a_student_sees_a_figure_and_table_1_tries_p0_and_takes_a_report(start, tmp_path):
-    figure = next(one for one in list_experiments() if one.name == "noise_reducer_figure_6")
-    screen = start("demo", width=1440, height=900)
-    hand, page = Hand(screen), screen.page
-    hand.press("Source", "tab")
-    hand.choose("re-created figure", experiment_label(figure))
-    recording, filters = open_experiment(figure.name)
-    printed = filters["signal"].params
-    screen.wait_for_line("raw", recording.values[:, 0])
-    screen.shot("journey-c-1-a-figure")
-    hand.press("Open the paper page")
-    page.get_by_role("dialog").get_by_role("columnheader", name="printed").wait_for()
-    screen.shot("journey-c-2-table-1")
-    hand.press("Close")
-    page.get_by_role("dialog").wait_for(state="detached")
-
-    hand.press("Tune", "tab")
-    assert float(screen.text_box("process noise q").input_value()) == printed.q
-    hand.press("Pin")
-    screen.wait(f"() => !!({FIND})('A')")
-    hand.type("initial variance p0", "1")
-    screen.wait_for_line("filtered", kalman_filter(recording.values[:, 0], replace(printed, p0=1.0)).x, 1e-9)
-    screen.shot("journey-c-3-p0-is-1")
-    hand.press("Compare", "tab")
-    page.get_by_role("row").filter(has_text="A").first.wait_for()
-    hand.press("Export", "tab")
-    with page.expect_download() as report:
-        hand.press("Download report")
-    report.value.save_as(tmp_path / "report.html")
-    screen.shot("journey-c-4-report")
-    text = (tmp_path / "report.html").read_text()
-    assert "initial variance p0" in text
-    assert figure.title.split(":")[0] in text
-    assert hand.clicks <= 25

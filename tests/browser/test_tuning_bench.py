@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -20,8 +21,7 @@ DEMO = open_source("demo").values[:, 0]
 
 
 def filtered(z, **params):
-    start = starting_params(z)
-    return kalman_filter(z, FilterParams(**{"q": start.q, "r": start.r, **params})).x
+    return kalman_filter(z, replace(starting_params(z), **params)).x
 
 
 def rows(screen):
@@ -104,11 +104,3 @@ def drawn(screen, label, axes):
     at = np.rint(time * 100).astype(int)
     assert at[-1] == len(axes) - 1
     return at
-
-
-def test_sixteen_channels_fit_into_the_tab(start):
-    screen = start("synthetic:sine?n=5000&channels=16&sigma=0.2&seed=1")
-    screen.tab("Channels")
-    screen.wait(f"() => ({FIND})('16')")
-    screen.page.get_by_role("row", name=re.compile("^16 ")).wait_for()
-    screen.shot("sixteen-channels")

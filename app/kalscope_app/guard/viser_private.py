@@ -142,6 +142,13 @@ async def press(widget: _GuiInputHandle[Any], client: viser.ClientHandle) -> Non
             await answer
 
 
+def set_ends(slider: viser.GuiSliderHandle[float], low: tuple[float, str], high: tuple[float, str]) -> None:
+    """Set both ends of a slider, each a position and the words below it."""
+    if (slider.min, slider.max) != (low[0], high[0]) or slider._marks is None:
+        slider.min, slider.max = low[0], high[0]
+        slider._marks = tuple(messages.GuiSliderMark(*end) for end in (low, high))
+
+
 @contextmanager
 def replaced(module: object, name: str, value: Callable[..., Any] | str) -> Generator[None]:
     """Replace a function or a value of a module while the block runs."""

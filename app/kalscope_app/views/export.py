@@ -43,7 +43,7 @@ from kalscope_app.session.session import Failed, Session
 from kalscope_app.session.share import share_line
 from kalscope_app.session.state import State
 from kalscope_app.views.widgets import escape_markdown, offer, on_user
-from kalscope_app.views.window import COMMAND, PRIMARY
+from kalscope_app.views.window import COMMAND, COPY_BUTTON, PRIMARY
 
 # Dialogs in one browser: files to read and copy, what would be overwritten, and why an export failed.
 
@@ -64,11 +64,11 @@ def show_files(client: viser.ClientHandle, files: dict[str, str]) -> None:
     """A window with a tab for each file, in a text box: plain text, so nothing in it can act."""
     with client.gui.add_modal("Preview code") as window:
         client.gui.add_html(WIDE)
-        client.gui.add_markdown("Click into the text, then press Ctrl+A and Ctrl+C.")
         tabs = client.gui.add_tab_group()
         for name, text in files.items():
             with tabs.add_tab(name):
                 client.gui.add_text(name, text, multiline=True)
+                client.gui.add_button(COPY_BUTTON)
         _add_close(client, window)
 
 
@@ -450,7 +450,8 @@ class CommandLineView:
 
     def __init__(self, gui: viser.GuiApi) -> None:
         with gui.add_folder("Command line", expand_by_default=False):
-            self._line = gui.add_text("reopen", "", multiline=True, hint="Click into it, press Ctrl+A and Ctrl+C.")
+            self._line = gui.add_text("reopen", "", multiline=True, hint="Opens what is on screen again.")
+            gui.add_button(COPY_BUTTON, hint="Copies the line above.")
             self._text = gui.add_markdown("")
 
     def show(self, frame: Frame) -> None:

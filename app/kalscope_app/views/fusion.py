@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import math
 import threading
+from collections.abc import Callable
 
 import viser
 
@@ -25,8 +25,16 @@ from kalscope_app.session.session import Failed, Session
 from kalscope_app.session.state import MAX_SENSORS, Change, State
 from kalscope_app.studies.checks import Judged
 from kalscope_app.views.checks import reasons_of
-from kalscope_app.views.tune import SliderWithText
-from kalscope_app.views.widgets import SlowJobProgress, TypedNumber, escape_markdown, offer, on_user, put
+from kalscope_app.views.widgets import (
+    NumberWithSlider,
+    SlowJobProgress,
+    TypedNumber,
+    escape_markdown,
+    offer,
+    on_decades,
+    on_user,
+    put,
+)
 
 # One of the sensors that are fused: whether it takes part, its noise, its offset, and its share.
 
@@ -39,28 +47,20 @@ R_HINT = "How noisy this sensor is: the variance of one reading. Larger gives it
 OFFSET_HINT = "How much higher this sensor reads than the others. It is subtracted."
 
 
-class SensorControl(SliderWithText):
+class SensorControl:
     """A tick box with the name; below it, once sensors are fused, noise, share and offset."""
 
     def __init__(self, gui: viser.GuiApi, session: Session, number: int) -> None:
         """Args: the usual; which row this is."""
+        self._session = session
         self.name: str | None = None
         self._fused = False
         self._tick = gui.add_checkbox("", False, visible=False, hint="Whether this sensor takes part.")
-        typed = TypedNumber(gui, session, f"r of sensor {number}", "noise r", R_HINT, self._r_typed)
-        slider = gui.add_slider(
-            "log₁₀ r",
-            min=-6.0,
-            max=6.0,
-            step=0.01,
-            initial_value=0.0,
-            hint="Drag, or click and use the arrow keys. To the left the sensor counts more.",
-        )
-        super().__init__(session, f"r of sensor {number}", typed, slider, self._r_moved)
-        self._offset = TypedNumber(
-            gui, session, f"offset of sensor {number}", "offset", OFFSET_HINT, self._offset_typed
-        )
-        self.set_visible(False)
+        box = TypedNumber(gui, session, f"r of sensor {number}", "noise r", R_HINT, self._typed("r"))
+        self._r = NumberWithSlider(gui, session, f"log₁₀ r of sensor {number}", box, self._moved)
+        label = f"offset of sensor {number}"
+        self._offset = TypedNumber(gui, session, label, "offset", OFFSET_HINT, self._typed("offset"))
+        self._set_visible(False)
         on_user(self._tick.on_update, lambda _client: self._on_tick())
 
     @property
@@ -68,16 +68,14 @@ class SensorControl(SliderWithText):
         """Whether its sensor is to take part."""
         return self.name is not None and self._tick.value
 
-    def set_visible(self, visible: bool) -> None:
-        """Show or hide what belongs to a fused sensor."""
-        super().set_visible(visible)
+    def _set_visible(self, visible: bool) -> None:
+        self._r.set_visible(visible)
         self._offset.set_visible(visible)
 
     def offer(self, name: str | None) -> None:
         """Represent this channel, not ticked; None: no channel."""
         self.name = name
-        put(self._tick, label=self._title, visible=name is not None)
-        put(self._tick, value=False)
+        put(self._tick, label=self._title, visible=name is not None, value=False)
 
     @property
     def _title(self) -> str:
@@ -89,31 +87,25 @@ class SensorControl(SliderWithText):
         self._fused = fusion is not None and name in fusion.tuning.sensors
         if fusion is None or name is None or not self._fused:
             put(self._tick, label=self._title)
-            self.set_visible(False)
+            self._set_visible(False)
             return
         at, used = fusion.tuning.sensors.index(name), name not in fusion.dropped
         share = f": share {percent(fusion.shares[name])}" if used else ""
         put(self._tick, value=used, label=f"{self._title}{share}")
-        self.set_visible(used)
-        if not used:
-            return
-        r = fusion.tuning.r[at]
-        self.typed.show(frame, r, "0")
-        self._offset.show(frame, fusion.tuning.offset[at], "0")
-        low, high = sensor_limits(fusion, name)
-        self._follow(frame, min(max(math.log10(r), low), high) if r > 0.0 else float(low), float(low), float(high))
+        self._set_visible(used)
+        if used:
+            r = fusion.tuning.r[at]
+            self._r.show(frame, r, "0", *on_decades(r, *sensor_limits(fusion, name)))
+            self._offset.show(frame, fusion.tuning.offset[at], "0")
 
     def _on_tick(self) -> None:
         if self._fused and self.name is not None:  # else it only marks a channel for the button
             self._session.request(set_taking_part(self.name, self._tick.value))
 
-    def _r_typed(self, _name: str, text: str) -> Change:
-        return set_sensor_text(self.name or "", "r", text)
+    def _typed(self, what: str) -> Callable[[str, str], Change]:
+        return lambda _name, text: set_sensor_text(self.name or "", what, text)
 
-    def _offset_typed(self, _name: str, text: str) -> Change:
-        return set_sensor_text(self.name or "", "offset", text)
-
-    def _r_moved(self, exponent: float) -> Change:
+    def _moved(self, exponent: float) -> Change:
         return set_sensor_exponent(self.name or "", exponent)
 
 
@@ -136,7 +128,8 @@ class FusionView:
         self._offered: tuple[str, ...] = ()
         with gui.add_folder("Fuse sensors", expand_by_default=False, visible=False) as self._folder:
             self._said = gui.add_markdown(HOW)
-            self._rows = [SensorControl(gui, session, i) for i in range(MAX_SENSORS)]
+            with gui.add_form(None):  # boxes and sliders side by side
+                self._rows = [SensorControl(gui, session, i) for i in range(MAX_SENSORS)]
             self._reference = gui.add_dropdown("reference", list[str]([NO_REFERENCE]), hint=REFERENCE_HINT)
             self._fuse = gui.add_button("Fuse", hint="Finds q, noise and offsets; Undo reverts it.")
             self._progress = gui.add_progress_bar(0.0, visible=False)

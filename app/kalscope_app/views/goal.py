@@ -12,15 +12,14 @@ from kalscope.common.text import TIME_UNITS, decibels, gate_text, lag_text, numb
 from kalscope.errors import BadSetting
 from kalscope.estimation.methods import METHODS
 from kalscope.estimation.request import Noise, Request, find_parameters
-from kalscope.filtering.steady import SteadyState, steady_state
+from kalscope.filtering.steady import steady_state
 from kalscope.tuning.tuning import ChannelTuning
 from kalscope_app.engine.frame import Frame
 from kalscope_app.engine.jobs import Jobs
 from kalscope_app.session.changes import apply_found, momentum_words, set_search_method
 from kalscope_app.session.session import Failed, Session
 from kalscope_app.session.state import Outcome, State
-from kalscope_app.views.charts import Scale, time_scale_for
-from kalscope_app.views.widgets import SlowJobProgress, bind, on_user
+from kalscope_app.views.widgets import SlowJobProgress, bind, noise_left, on_user
 from kalscope_app.views.window import PRIMARY
 
 # The ways to find q and r that the dashboard offers: what each asks the user for, and the search it requests.
@@ -63,14 +62,14 @@ def _known_noise(state: State) -> Noise:
     return Noise() if found is None or found.request is None else found.request.noise
 
 
-def _lag(period: float | None) -> SearchMethod:
+def _lag(period: float | None, *, with_overshoot: bool = False) -> SearchMethod:
     """The goal of a lag: in samples where the sample period (s) is unknown, else in a unit that suits it."""
     if period is None:
-        return _target("lag_samples", "lag (samples)", "10", with_overshoot=True)
+        return _target("lag_samples", "lag (samples)", "10", with_overshoot=with_overshoot)
     usual = 5.0 * period
     unit, length = TIME_UNITS[0] if usual < 1.0 else next(one for one in reversed(TIME_UNITS) if one[1] <= usual)
     content = "50" if period <= 0.025 else trimmed(usual / length, 1)
-    return _target("lag_s", f"lag ({unit})", content, length, with_overshoot=True)
+    return _target("lag_s", f"lag ({unit})", content, length, with_overshoot=with_overshoot)
 
 
 def _noise(*names: tuple[str, str, str]) -> SearchMethod:
@@ -82,48 +81,15 @@ def _noise(*names: tuple[str, str, str]) -> SearchMethod:
     return SearchMethod(request, tuple((label, content) for _, label, content in names))
 
 
-def _still(state: State, texts: list[str]) -> Request:
-    """The stretch that is typed, in the unit of the time axis, or else the part on screen."""
-    if state.view.window is None and not all(text.strip() for text in texts):
-        raise BadSetting(
-            "the still stretch must be given: type from and to, or narrow the view to it (got neither)"
-        )
-    time, factor = state.recording.time, clock_of(state).factor
-    shown = state.view.window or (float(time.min()), float(time.max()))
-    first, last = (
-        typed_number(label, text) / factor if text.strip() else default
-        for label, text, default in zip(("from", "to"), texts, shown, strict=False)
-    )
-    low, high = min(first, last), max(first, last)
-    slack = 1e-9 * max(abs(low), abs(high))  # 0.1 h is 360 s only up to rounding
-    at = ((time >= low - slack) & (time <= high + slack)).nonzero()[0]
+def _still(state: State, _texts: list[str]) -> Request:
+    if state.view.window is None:
+        raise BadSetting("the still stretch must be on screen: drag across it in the chart first (got all samples)")
+    time, (first, last) = state.recording.time, state.view.window
+    at = ((time >= first) & (time <= last)).nonzero()[0]
     if len(at) == 0:
-        raise BadSetting(
-            "the still stretch must lie inside the recording "
-            f"(got {number(low * factor, 4)} to {number(high * factor, 4)})"
-        )
+        raise BadSetting("the part on screen must hold samples (got none)")
     return Request(noise=Noise(still=(int(at[0]), int(at[-1]) + 1)))
 
-
-def stretch_texts(state: State, first: int, last: int) -> tuple[str, str]:
-    """Samples `first` … `last` − 1 as from and to in the unit of the time axis, in as few digits as suffice."""
-    time, factor = state.recording.time, clock_of(state).factor
-    ends = [float(time[at]) * factor for at in (first, last - 1)]
-    for digits in range(3, 17):
-        texts = tuple(f"{end:.{digits}g}" for end in ends)
-        if _still(state, list(texts)).noise.still == (first, last):
-            return texts[0], texts[1]
-    return repr(ends[0]), repr(ends[1])
-
-
-def clock_of(state: State) -> Scale:
-    """Unit of the time axis on screen."""
-    time = state.recording.time
-    first, last = state.view.window or (float(time.min()), float(time.max()))
-    return time_scale_for(last - first, state.recording.sample_period)
-
-
-STILL = "a still stretch, fit q"
 
 LAG_HINT = "The largest lag that you accept: the setting within it that leaves the least noise is used."
 
@@ -133,8 +99,6 @@ BOX_HINTS = {
     "reduction (dB)": "How much less noise: 20 dB is a tenth of its size, 6 dB half of it.",
     OVERSHOOT: "How far a step may overshoot: more of it gives less noise or lag. Empty: the present momentum.",
     "gain K": "The weight of each new sample in the estimate, between 0 and 1.",
-    "from": "Where the stretch begins, as on the time axis. Empty: where the part on screen begins.",
-    "to": "Where the stretch ends, as on the time axis. Empty: where the part on screen ends.",
     "σ (std)": "The noise of one reading, one standard deviation, in the unit of the signal.",
     "per √Hz": "The noise density, in the unit of the signal per √Hz.",
     "bandwidth (Hz)": "The bandwidth that goes with the density.",
@@ -152,12 +116,12 @@ LAG, MORE = "maximum lag", "more …"
 SEARCH_METHODS: dict[str, SearchMethod] = {
     LAG: _lag(0.01),
     "cut-off frequency": _target("cutoff_hz", "cut-off (Hz)", "1"),
-    "noise reduction": _target("noise_reduction_db", "reduction (dB)", "12", with_overshoot=True),
+    "noise reduction": _target("noise_reduction_db", "reduction (dB)", "12"),
     "best fit": _method("ml"),
-    STILL: SearchMethod(_still, (("from", ""), ("to", ""))),
+    "a still stretch, fit q": SearchMethod(_still),
     "data sheet σ, fit q": _noise(("sigma", "σ (std)", "")),
     "data sheet density, fit q": _noise(("density", "per √Hz", ""), ("bandwidth_hz", "bandwidth (Hz)", "")),
-    "lag with overshoot": _lag(0.01),
+    "lag with overshoot": _lag(0.01, with_overshoot=True),
     "noise reduction with overshoot": _target("noise_reduction_db", "reduction (dB)", "12", with_overshoot=True),
     "lag in samples": _target("lag_samples", "lag (samples)", "10", with_overshoot=True),
     "gain K": _target("gain", "gain K", "0.1"),
@@ -176,16 +140,18 @@ HINT = "What the filter is for. Best fit: the q and r that explain the recording
 
 
 def method_of(state: State) -> SearchMethod:
-    """The chosen way with the boxes that this record needs: an overshoot is asked for where there is momentum."""
+    """The chosen way; a lag is in a unit that suits the record."""
     name = state.view.search_method
-    is_lag = name in (LAG, "lag with overshoot")
-    method = _lag(state.recording.sample_period) if is_lag else SEARCH_METHODS[name]
-    without = name in GOALS and state.tuning.momentum == 0.0
-    return replace(method, boxes=method.boxes[:1]) if without else method
+    if name not in (LAG, "lag with overshoot"):
+        return SEARCH_METHODS[name]
+    return _lag(state.recording.sample_period, with_overshoot=name != LAG)
 
 
 # What the last search gave, in a sentence below Apply: what the filter costs, and what has changed.
 
+
+MORE_FOLDER = "More settings and numbers"
+"""The closed folder below the parameters."""
 
 NBSP = "\u00a0"
 """Keeps a number and its unit on one line."""
@@ -200,17 +166,19 @@ def answer_text(state: State) -> str:
         return f"**Nothing was changed.** {outcome.message}"
     period = state.recording.sample_period
     before, after = steady_state(outcome.before.params), steady_state(outcome.after.params)
+    lag, lag_before = (_glued(lag_text(one.lag_samples, period)) for one in (after, before))
+    left, left_before = (_glued(noise_left(one.noise_reduction_db)) for one in (after, before))
     said = [
-        f"{_lead(outcome)} **{_goal_lag(after, period)}** leaves **{_noise_left(after)} of the noise** "
-        f"({decibels(-float(after.noise_reduction_db)).replace(' ', NBSP)}).",
-        f"Before: {_goal_lag(before, period)}, {_noise_left(before)}.",
+        f"{_lead(outcome)} **{lag}** leaves **{left} of the noise** "
+        f"({_glued(decibels(-float(after.noise_reduction_db)))}).",
+        f"Before: {lag_before}, {left_before}.",
     ]
     if after.overshoot:
         said.append(f"A step overshoots by {percent(float(after.overshoot))}.")
     if changes := changed(outcome.before, outcome.after, period):
         said.append(f"Changed: {changes}.")
     if outcome.estimate is not None:
-        said.append("More in “Resulting filter”.")
+        said.append(f"More in “{MORE_FOLDER}”.")
     return " ".join(said)
 
 
@@ -229,13 +197,8 @@ def _lead(outcome: Outcome) -> str:
     return f"{asked[:1].upper()}{asked[1:]}: lag"
 
 
-def _goal_lag(steady: SteadyState, period: float | None) -> str:
-    return lag_text(steady.lag_samples, period).replace(" ", NBSP)
-
-
-def _noise_left(steady: SteadyState) -> str:
-    """The size of the noise that is left, as a share of its standard deviation."""
-    return percent(10.0 ** (-steady.noise_reduction_db / 20.0)).replace(" ", NBSP)
+def _glued(text: str) -> str:
+    return text.replace(" ", NBSP)
 
 
 def changed(before: ChannelTuning, after: ChannelTuning, period: float | None) -> str:
@@ -258,7 +221,6 @@ class GoalView:
     def __init__(self, gui: viser.GuiApi, session: Session, jobs: Jobs) -> None:
         self._session, self._jobs = session, jobs
         self._shown: tuple[str, ...] = ()
-        self._stretch = ("", "")
         self._stop = threading.Event()
         with gui.add_form(None) as self._form:
             self._goal = gui.add_dropdown("goal", (*GOALS, MORE), hint=HINT)
@@ -275,6 +237,10 @@ class GoalView:
         on_user(self._form.on_submit, lambda _client: self._find_and_apply())
         on_user(self._apply.on_click, lambda _client: self._find_and_apply())
         on_user(self._cancel.on_click, lambda _client: self._stop.set())
+        for goal in GOALS:  # so that the palette finds them by their words
+            command = gui.add_command(f"Goal: {goal}", description=HINT)
+            change = set_search_method(goal, SEARCH_METHODS)
+            on_user(command.on_trigger, lambda _client, change=change: session.request(change))
 
     def _find_and_apply(self) -> None:
         texts = [box.value for box in self._boxes]
@@ -286,22 +252,11 @@ class GoalView:
         self.search(request)
 
     def search(self, request: Callable[[State], Request | None]) -> None:
-        """Run the search that is asked for, and apply its result as one undoable change; None: no search."""
-        self._start(lambda state, stop: self._search(state, request(state), stop))
-
-    def offer_still(self, found: tuple[State, tuple[int, int] | None]) -> None:
-        """Fill the still stretch that was found into the boxes of that method, unless a user has typed there."""
-        state, stretch = found
-        before, self._stretch = self._stretch, ("", "") if stretch is None else stretch_texts(state, *stretch)
-        if self._shown[:1] == (STILL,):
-            for box, old, new in zip(self._boxes, before, self._stretch, strict=True):
-                if box.value == old:
-                    box.value = new
-
-    def _start(self, work: Callable[[State, threading.Event], None]) -> None:
-        """Queue a job on the state with every earlier request applied; each job has its own stop event."""
+        """Run a search on the state with every earlier request applied; its result is one undoable change."""
         stop = self._stop = threading.Event()
-        self._jobs.run_with_state(self._session, lambda state: work(state, stop), Failed.FIND)
+        self._jobs.run_with_state(
+            self._session, lambda state: self._search(state, request(state), stop), Failed.FIND
+        )
 
     def _search(self, state: State, request: Request | None, stop: threading.Event) -> None:
         if request is None:
@@ -331,14 +286,12 @@ class GoalView:
         self._method.visible = name not in GOALS
         if name not in GOALS:
             self._method.value = name
-        labels = tuple(
-            f"{label} ({clock_of(state).unit})" if label in ("from", "to") else label for label, _ in wanted
-        )
+        labels = tuple(label for label, _ in wanted)
         for i, box in enumerate(self._boxes):
             box.visible = i < len(wanted)
             if i < len(wanted):
                 if (name, *labels)[: i + 2] != self._shown[: i + 2]:
-                    box.value = self._stretch[i] if name == STILL else wanted[i][1]
+                    box.value = wanted[i][1]
                 box.label, box.hint = labels[i], hint_of(wanted[i][0])
         self._shown = name, *labels
 

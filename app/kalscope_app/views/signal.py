@@ -64,6 +64,7 @@ class WindowView:
             step=0.001,
             initial_value=(0.0, 1.0),
             marks=(),
+            visible=False,
             hint="The part of the recording that is plotted. Drag in a chart to zoom in; double-click to zoom out.",
         )
         # Only the page script changes it: shares of the window that a drag over a chart begins and ends at.
@@ -72,7 +73,7 @@ class WindowView:
         )
         self._drawn = (0.0, 1.0)
         gui.add_html(ONE_BUTTON)
-        self._buttons = gui.add_button_group("", ("Reset view",), hint="Show all of the recording.")
+        self._buttons = gui.add_button_group("", ("Reset view",), visible=False, hint="Show all of the recording.")
         self._live = gui.add_button_group(
             "live",
             ("Live", "Pause"),
@@ -103,16 +104,17 @@ class WindowView:
         zoomed = 0.0 <= ends[0] < ends[1] <= 1.0
         self._serial = self._session.request(set_window(low, high) if zoomed else reset_view, key="view")
 
-    def _show_live(self, live: Live | None) -> None:
+    def _show_live(self, live: Live | None, *, zoomed: bool) -> None:
         self._live.visible = self._span.visible = live is not None
-        self._buttons.visible = live is None
+        put(self._range, visible=zoomed or live is not None)
+        put(self._buttons, visible=zoomed and live is None)
         if live is not None:
             self._span.value = next(words for words, span in SPANS.items() if span == live.span)
             self._live.label = "live, paused" if live.paused else "live" if live.following else "looking back"
 
     def show(self, frame: Frame) -> None:
         """Follow the frame unless the range has moved since."""
-        self._show_live(frame.state.live)
+        self._show_live(frame.state.live, zoomed=frame.state.view.window is not None)
         self._drawn = drawn_window(frame)
         recording = frame.state.recording
         if moves_too_often(frame, time.monotonic() - self._moved_at):
@@ -147,8 +149,9 @@ def moves_too_often(frame: Frame, seconds: float) -> bool:
 # The charts: raw and filtered signal with its band, innovation with its band, and the gain or the velocity.
 
 
-LIVE_CONTROLS_HEIGHT = 64
-"""Height in px that the controls of a live record, and its second line of heading, take from the chart below."""
+LIVE_HEIGHT, ZOOMED_HEIGHT, QUESTION_HEIGHT = 104, 58, 30
+"""Heights in px that the controls of a live record with its second line of heading, the controls of a zoom, and a
+question about the file take from the chart below."""
 
 SHARES: dict[int, tuple[float, ...]] = {3: (0.57, 0.235, 0.195), 2: (0.7, 0.3)}
 """Shares of the height by the number of charts: signal, innovation, and gain or velocity where one is drawn."""
@@ -160,7 +163,9 @@ MAX_LABEL_LETTERS = 14
 class SignalView:
     """Three charts, one below the other; those over time share their zoom."""
 
-    def __init__(self, gui: viser.GuiApi) -> None:
+    def __init__(self, gui: viser.GuiApi, asks: Callable[[Frame], bool]) -> None:
+        """Args: the panel; whether a question stands above the charts of this frame."""
+        self._asks = asks
         self._heading = gui.add_markdown("")
         self.signal, self.innovation = (Chart(gui, share, sync="kalscope-time", window=True) for share in SHARES[2])
         self.gain = Chart(gui, SHARES[3][2])
@@ -171,9 +176,8 @@ class SignalView:
 
     def show(self, frame: Frame, *, thinned: bool = False) -> None:
         """Draw the signal; `thinned`: with fewer points, while a control moves."""
-        live, with_velocity = frame.state.live is not None, frame.velocity is not None
         with_gain = frame.state.view.gain_shown and frame.state.has_gain
-        self._share_height(3 if with_velocity or with_gain else 2, live=live)
+        self._share_height(3 if frame.velocity is not None or with_gain else 2, self._height_above(frame))
         palette = DARK if frame.state.view.dark else LIGHT
         self._show_signal(frame, palette, time_axis(frame), self._thinning.of(frame) if thinned else None)
 
@@ -191,11 +195,17 @@ class SignalView:
         else:
             self.gain.hide()
 
-    def _share_height(self, charts: int, *, live: bool) -> None:
-        """Set the heights of two or three charts; two take that of the third as well."""
+    def _height_above(self, frame: Frame) -> int:
+        if frame.state.live is not None:
+            return LIVE_HEIGHT
+        if frame.state.view.window is not None:
+            return ZOOMED_HEIGHT
+        return QUESTION_HEIGHT if self._asks(frame) else 0
+
+    def _share_height(self, charts: int, above: int) -> None:
+        """Set the heights of the charts below what takes `above` px; two take that of the third as well."""
         for chart, share in zip((self.signal, self.innovation), SHARES[charts], strict=False):
-            taken = LIVE_CONTROLS_HEIGHT if live and chart is self.signal else 0
-            chart.set_height(share, height_of(share, charts) - taken)
+            chart.set_height(share, height_of(share, charts) - (above if chart is self.signal else 0))
 
     def _show_signal(self, frame: Frame, palette: Palette, clock: Scale, places: NDArray[np.intp] | None) -> None:
         shown, state = frame.drawn, frame.state
@@ -243,7 +253,7 @@ class SignalView:
         lines = self._sensor_lines(frame, lambda one: one.difference)
         lines = lines or gappy(name, frame.drawn.raw - frame.filtered, palette.innovation)
         scale = scale_for(np.concatenate([one.y for one in lines]), frame.state.tuning.unit)
-        label = innovation_label(scale, scale_for(frame.drawn.raw, frame.state.tuning.unit), name)
+        label = label_beside(scale, name)
         self._draw(self.innovation, frame, clock, scale, [*lines], label)
 
     def _show_innovation(self, frame: Frame, palette: Palette, clock: Scale) -> None:
@@ -258,7 +268,7 @@ class SignalView:
             *gappy("innovation", v, palette.innovation, quiet=1),
         ]
         band = {"series": (2, 1), "fill": palette.innovation_band}
-        label = innovation_label(scale, scale_for(frame.drawn.raw, frame.state.tuning.unit))
+        label = label_beside(scale, "innovation")
         self._draw(self.innovation, frame, clock, scale, lines, label, band)
 
     def _show_velocity(self, frame: Frame, palette: Palette, clock: Scale, velocity: Array, spread: Array) -> None:
@@ -307,12 +317,10 @@ GAIN_LEVELS = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0)
 """Ranges of the gain chart: few, so that it rarely changes while q does."""
 
 
-def innovation_label(scale: Scale, above: Scale, name: str = "innovation") -> str:
-    """What fits beside the innovation: its name alone only if the unit is that of the chart above."""
+def label_beside(scale: Scale, name: str) -> str:
+    """What fits beside a low chart: its name, with the unit where there is room."""
     label = scale.label(name)
-    if len(label) <= MAX_LABEL_LETTERS:
-        return label
-    return name if scale == above else short(scale.unit, MAX_LABEL_LETTERS)
+    return label if len(label) <= MAX_LABEL_LETTERS else name
 
 
 def velocity_unit(frame: Frame) -> str:

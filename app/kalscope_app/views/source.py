@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import threading
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -19,18 +19,18 @@ from kalscope.catalogue import open_source
 from kalscope.common.files import temporary_folder
 from kalscope.common.progress import OnProgress
 from kalscope.common.text import count, one_line
+from kalscope.errors import BadSetting
 from kalscope.papers.reproduction import list_experiments
 from kalscope.recording import Recording
-from kalscope.sources.grammar.cells import SECONDS_PER_UNIT
 from kalscope.sources.grammar.read_options import (
     OPTIONS,
     ReadOptions,
     join_values,
-    option_texts,
+    option_words,
     options_from_text,
     split_values,
 )
-from kalscope.sources.reading.account import read_as, summary, warnings
+from kalscope.sources.reading.account import account, summary
 from kalscope.sources.reading.recording_file import read_recording
 from kalscope.sources.samples import list_samples
 from kalscope.sources.synthetic import NOISES, SHAPES, SignalSettings
@@ -45,220 +45,182 @@ from kalscope_app.session.opening import opened, opened_experiment, with_sample_
 from kalscope_app.session.session import Failed, Session
 from kalscope_app.session.state import Change, State
 from kalscope_app.views.fleet import FleetView
-from kalscope_app.views.widgets import SlowJobProgress, TypedNumber, capitalised, escape_markdown, on_user, typed
-from kalscope_app.views.window import PRIMARY
+from kalscope_app.views.widgets import (
+    SlowJobProgress,
+    TypedNumber,
+    capitalised,
+    escape_markdown,
+    on_user,
+    put,
+    typed,
+)
+from kalscope_app.views.window import PERIOD_BUTTON, PRIMARY, QUESTION
 from kalscope_app.worker.worker import Worker
 
 if TYPE_CHECKING:
     from kalscope.fleet.results import Fleet
     from kalscope.papers.document import Experiment
-    from kalscope.papers.reproduction import Reproduction
 
 
 # How a recording was read, as short markdown; every piece from the file is escaped.
 
 
-MAX_ISSUES = 4
-MAX_KINDS = 6
+MAX_LINES, MAX_KINDS = 12, 6
+"""Lines of the account that are shown, and channels that are named."""
 
 
 def import_summary(recording: Recording) -> str:
-    """One line, warnings where much was lost, then what was decided and what could not be read."""
-    report = recording.report
-    head = [f"{escape_markdown(in_words_of_form(summary(recording)), 200)}."]
-    head += [escape_markdown(in_words_of_form(sentence), 400) for sentence in read_as(recording)]
-    head += [f"**{escape_markdown(in_words_of_form(sentence), 300)}.**" for sentence in warnings(recording)]
-    counts = {
-        "steps back in time": report.clipped_times,
-        "comment lines": report.comments,
-        "blank lines": report.blank,
-    }
-    lines = [f"{what}: {count(number)}" for what, number in counts.items() if number]
-    if recording.sha256:  # it is finished and from a file
-        lines += _about_channels(recording)
-    lines += [
-        escape_markdown(in_words_of_form(note), 160) for note in report.notes if note not in report.assumptions
-    ]
-    for issue in report.issues[:MAX_ISSUES]:
-        where = f"line {issue.line}" + (f", {escape_markdown(issue.column, 30)}" if issue.column else "")
-        lines.append(f"{where}: {escape_markdown(issue.reason, 80)}, “{escape_markdown(issue.text, 40)}”")
-    if len(report.issues) > MAX_ISSUES:
-        lines.append(f"and {count(report.rejected + report.bad_cells - MAX_ISSUES)} more")
-    return "\n\n".join([*head, "\n".join(f"- {line}" for line in lines)])
+    """What was read and as what, then the first lines of the account of the file; markdown, escaped."""
+    report, lines = recording.report, [line.strip() for line in account(recording).splitlines()[1:]]
+    if recording.sha256:  # it is finished and from a file: channels that measure nothing are not shown first
+        kinds = {name: kind for name, kind in channel_kinds(recording).items() if kind}
+        beside = [f"{name} ({kind})" for name, kind in kinds.items()][:MAX_KINDS]
+        if 0 < len(kinds) < len(recording.names):
+            lines.insert(0, f"not shown first: {', '.join(beside)}{' …' if len(kinds) > MAX_KINDS else ''}")
+    more = [f"and {count(len(lines) - MAX_LINES)} more"] if len(lines) > MAX_LINES else []
+    head = [f"{summary(recording)}.", *([f"Read as {report.read_as}."] if report.read_as else [])]
+    head, shown = ([escape_markdown(line, 300) for line in part] for part in (head, lines[:MAX_LINES] + more))
+    return "\n\n".join([*head, "\n".join(f"- {line}" for line in shown)])
 
 
-def _about_channels(recording: Recording) -> list[str]:
-    """Which channels measure nothing, where some other does: those are not shown first."""
-    kinds = channel_kinds(recording)
-    beside = [f"{escape_markdown(name, 30)} ({kind})" for name, kind in kinds.items() if kind]
-    if not beside or len(beside) == len(kinds):
-        return []
-    more = f" and {len(beside) - MAX_KINDS} more" if len(beside) > MAX_KINDS else ""
-    return [f"not shown first: {', '.join(beside[:MAX_KINDS])}{more}"]
+# Options in place of what was detected, in the words of the command line.
 
 
-# The form with the import options, named as on the command line.
+def options_of(text: str) -> ReadOptions:
+    """Options as on the command line: --delimiter tab --missing -200 --missing n/x.
+
+    Raises:
+        BadSetting: a word that is no option, or a value that it does not have.
+    """
+    given, missing, words = dict[str, Any](), list[str](), split_values(text)
+    while words:
+        option, is_joined, value = words.pop(0).partition("=")
+        name = option.removeprefix("--").replace("-", "_")
+        if option not in OPTIONS:
+            raise BadSetting(f"import options must be some of {', '.join(OPTIONS)} (got {option[:40]!r})")
+        if name in ("day_first", "month_first"):
+            given["day_first"] = name == "day_first"
+            continue
+        if not is_joined and not words:
+            raise BadSetting(f"{option} must have a value (got none)")
+        value = value if is_joined else words.pop(0)
+        if name == "missing":
+            missing.append(value)
+        else:
+            given[name] = value
+    return options_from_text(missing=missing, **given)
 
 
-class ReadingForm:
-    """Options in place of what was detected; empty boxes are detected. The rarer ones are one click away."""
-
-    def __init__(self, gui: viser.GuiApi, read: Callable[[ReadOptions], None]) -> None:
-        self._gui, self._read = gui, read
-        self._shown: ReadOptions | None = None
-        self._boxes: dict[str, viser.GuiInputHandle[str]] = {}
-        self._add_choice("delimiter", MARKS, "The character between two cells.")
-        self._add_text("time_column", "Its name, its number from 1, or none.")
-        self._add_choice("time_unit", UNITS, "The unit of a numeric time column.")
-        self._add_text("missing", 'Values that mark a missing sample, between blanks: -200 n/x "no data".')
-        self._add_choice("gaps", GAPS, "How long gaps are filtered.")
-        with gui.add_folder("More options", expand_by_default=False):
-            self._add_text("header_row", "Number of the line with the names; 0 = none.")
-            self._add_text("unit_row", "Number of the line with the units; 0 = none.")
-            self._add_choice("decimal", POINTS, "The decimal mark of numbers.")
-            self._add_text("time_format", "Format of a time stamp, such as %d.%m.%Y %H:%M:%S.")
-            self._add_choice("day_first", ORDERS, "What 03/04/2025 is: 3 April, or March 4.")
-            self._add_text("rate", "The sample rate, instead of that of the stamps.")
-            self._add_text("part", "The sheet, topic, group or variable of a file that holds several.")
-            self._add_text("unpack_gb", "What a packed file may unpack to; empty: 0.134 GB, or 32 times its size.")
-        button = gui.add_button("Re-import", hint="Also reads what was added to the file.")
-        on_user(button.on_click, lambda _client: self._submit())
-
-    def _add_text(self, option: str, hint: str) -> None:
-        self._boxes[option] = self._gui.add_text(_label(option), "", hint=hint)
-
-    def _add_choice(self, option: str, choices: dict[str, str], hint: str) -> None:
-        self._boxes[option] = self._gui.add_dropdown(_label(option), tuple(choices), hint=hint)
-
-    def show(self, options: ReadOptions) -> None:
-        """Fill in what the open file was read with; what is typed stays until another is."""
-        if options is self._shown:
-            return
-        self._shown, texts = options, option_texts(options)
-        for option, box in self._boxes.items():
-            values = texts.get(option, ())
-            text = join_values(values) if option == "missing" else "".join(values)
-            words = {meaning: word for word, meaning in CHOICES.get(option, {}).items()}
-            box.value = words.get(text, text)
-
-    def _submit(self) -> None:
-        typed = {option: box.value.strip() for option, box in self._boxes.items()}
-        given = {option: CHOICES.get(option, {}).get(text, text) or None for option, text in typed.items()}
-        order, missing = given.pop("day_first"), given.pop("missing")
-        self._read(
-            options_from_text(
-                missing=split_values(missing or ""),
-                day_first=None if order is None else order == "day",
-                **given,
-            )
-        )
+# Questions about the file, above the charts: each with the one option that would answer it otherwise.
 
 
-FOUND = "auto"
-"""Detect it from the file."""
-
-MARKS = {FOUND: "", **{word: word for word in ("comma", "semicolon", "tab", "bar", "space")}}
-UNITS = {FOUND: "", **{word: word for word in SECONDS_PER_UNIT}}
-POINTS = {FOUND: "", "point": "point", "comma": "comma"}
-ORDERS = {FOUND: "", "day first": "day", "month first": "month"}
-GAPS = {"as rows": "", "as missing samples": "missing", "as elapsed time": "dt"}
-"""How long gaps in time are filtered."""
-CHOICES = {"delimiter": MARKS, "time_unit": UNITS, "decimal": POINTS, "day_first": ORDERS, "gaps": GAPS}
-"""What a menu shows and what the command line takes, by the name of the option."""
-
-LABELS = {
-    "missing": "missing values",
-    "gaps": "gaps in time",
-    "decimal": "decimal mark",
-    "day_first": "date order",
-    "rate": "rate (Hz)",
-    "unpack_gb": "unpack at most (GB)",
-}
-"""Labels of the boxes whose label is not the name of the option."""
 _MENTIONED = re.compile(
-    r"--([a-z]{2,9}(?:-[a-z]{2,9})?)"
-    r"""(?:[ =](NAME|"[^"]{1,200}"|-?[0-9][0-9.e+-]{0,30}|[a-z]{2,9})(?![\w.]))?"""
+    r"""(--(?:day|month)-first)|--([a-z]{2,9}(?:-[a-z]{2,9})?) ("[^"]{1,200}"|-?[0-9][0-9.e+-]{0,30}|[a-z]{2,9})"""
 )
 
-
-def in_words_of_form(sentence: str) -> str:
-    """A sentence about options of the command line in the words of this form: `--gaps dt` is its box for gaps."""
-    return _MENTIONED.sub(_box_and_value, sentence)
-
-
-def _box_and_value(mention: re.Match[str]) -> str:
-    option, value = mention[1].replace("-", "_"), mention[2] or ""
-    if f"--{mention[1]}" not in OPTIONS:
-        return mention[0]
-    if option in ("day_first", "month_first"):
-        option, value, rest = "day_first", option.replace("_", " "), f" {value}" if value else ""
-        return f"“{_label(option)}”: {value}{rest}"
-    words = {meaning: word for word, meaning in CHOICES.get(option, {}).items() if meaning}
-    if value in words or (value and not value.isalpha()) or value == "none":
-        return f"“{_label(option)}”: {words.get(value, value)}"
-    return f"“{_label(option)}”" + (f" {value}" if value not in ("", "NAME") else "")
+ANSWERS = {
+    "--missing": "Read {} as missing",
+    "--gaps": "Read gaps as {}",
+    "--time-unit": "Read the time in {}",
+    "--time-column": "Take {} as the time",
+    "--decimal": "Read with a decimal {}",
+    "--day-first": "Read the day first",
+    "--month-first": "Read the month first",
+}
+"""Labels of buttons by the option that they read the file with; no other option answers a question."""
 
 
-def _label(option: str) -> str:
-    return LABELS.get(option) or option.replace("_", " ")
+@dataclass(frozen=True)
+class Question:
+    """What the file does not show, and the button beside it."""
+
+    sentence: str
+    """In words; it may contain text of the file."""
+    button: str
+    """The label of the button."""
+    options: str = ""
+    """What the button reads the file with; "": it only leads to a box."""
+
+
+def question_about(recording: Recording) -> Question | None:
+    """The first question about a file that one option answers, gaps in time last; None where there is none."""
+    gaps = [note for note in recording.report.notes if "--gaps" in note]
+    for note in (*recording.report.assumptions, *gaps):
+        for mention in _MENTIONED.finditer(note):
+            option, value = mention[1] or f"--{mention[2]}", mention[3] or ""
+            if option in ANSWERS:
+                asked = note[: mention.start()].rpartition(";")[0] or note
+                words = {"missing": "missing samples", "dt": "elapsed time"}.get(value, value)
+                return Question(f"{capitalised(asked)}.", ANSWERS[option].format(words), mention[0])
+    if recording.sample_period is None and recording.sha256:
+        return Question("The sample rate is not known: times are in samples.", PERIOD_BUTTON)
+    return None
+
+
+class QuestionView:
+    """One line above the charts, and one button."""
+
+    def __init__(self, gui: viser.GuiApi, source: SourceView) -> None:
+        gui.add_html(QUESTION)
+        self._button = gui.add_button("…", visible=False, hint="Reads the file again; Undo reverts it.")
+        self._text = gui.add_markdown("", visible=False)
+        self._question: Question | None = None
+        self._about: Recording | None = None
+        on_user(self._button.on_click, lambda _client: self._answer(source))
+
+    def _answer(self, source: SourceView) -> None:
+        if self._question is not None and self._question.options:
+            source.read_with(self._question.options)
+
+    def asks(self, frame: Frame) -> bool:
+        """Whether there is a question; none is asked while a part of the recording is on screen."""
+        if frame.state.recording is not self._about:
+            self._about = frame.state.recording
+            self._question = question_about(self._about) if frame.state.live is None else None
+        return self._question is not None and frame.state.view.window is None
+
+    def show(self, frame: Frame) -> None:
+        """Follow the frame."""
+        asks = self.asks(frame)
+        put(self._text, visible=asks)
+        put(self._button, visible=asks)
+        if self._question is not None:
+            put(self._text, content=escape_markdown(self._question.sentence, 300))
+            put(self._button, label=self._question.button)
 
 
 # The form that generates a synthetic signal.
 
 
-SETTINGS = {
-    "n": ("samples", "Number of samples."),
-    "sample_period": ("sample period (s)", "Time between two samples."),
-    "channels": ("channels", "Number of channels, 1 to 16, each with its own noise."),
-    "amplitude": ("amplitude", "Size of the shape."),
-    "level": ("level", "Mean of the signal."),
-    "period": ("period (s)", "One cycle, the rise time of a ramp, the time of a step."),
-    "sigma": ("noise σ", "Standard deviation of the noise; r of the filter is its square."),
-    "outliers": ("outliers (share)", "Share of samples that are outliers, 0 to 1."),
-    "outlier_size": ("outlier size", "Size of an outlier, in the unit of the signal."),
-    "quantum": ("ADC step", "Step of the analogue-to-digital converter; 0 for none."),
-    "drop_outs": ("drop-outs (share)", "Share of samples that are missing, 0 to 1."),
-    "seed": ("seed", "The same seed gives the same signal."),
-}
-"""Label and hint of each number of `SignalSettings`."""
+SETTINGS = "n", "sample_period", "amplitude", "period", "sigma", "outliers", "drop_outs", "channels", "seed"
+"""The numbers of `SignalSettings` that are shown; others may be typed, too."""
 
 
 class GeneratorForm:
     """The settings of a synthetic signal and the button that generates it."""
 
     def __init__(self, gui: viser.GuiApi, open_spec: Callable[[str, Failed], None]) -> None:
-        self._open_spec = open_spec
-        defaults = SignalSettings()
-        self._shape = gui.add_dropdown(
-            "shape",
-            SHAPES,
-            initial_value=defaults.shape,
-            hint="The noise-free signal, plotted dashed as the truth.",
-        )
+        self._open_spec, defaults = open_spec, SignalSettings()
+        self._shape = gui.add_dropdown("shape", SHAPES, hint="The noise-free signal, plotted dashed as the truth.")
         self._noise = gui.add_dropdown(
-            "noise",
-            NOISES,
-            initial_value=defaults.noise,
-            hint="Distribution; triangular is rand − rand (Ma'arif 2019).",
+            "noise", NOISES, hint="Distribution; triangular is rand − rand (Ma'arif 2019)."
         )
-        self._texts = {
-            name: gui.add_text(label, typed(float(getattr(defaults, name))), hint=hint)
-            for name, (label, hint) in SETTINGS.items()
-        }
+        text = " ".join(f"{name}={typed(float(getattr(defaults, name)))}" for name in SETTINGS)
+        self._numbers = gui.add_text(
+            "numbers", text, multiline=True, hint="Samples, times in s, shares 0 to 1; sigma: the noise, its std."
+        )
         button = gui.add_button("Generate", hint="Generate this signal and open it.")
         on_user(button.on_click, lambda _client: self._generate())
 
     def _generate(self) -> None:
-        query = "&".join(f"{name}={text.value.strip()}" for name, text in self._texts.items())
-        self._open_spec(f"synthetic:{self._shape.value}?noise={self._noise.value}&{query}", Failed.GENERATE)
+        query = "&".join([f"noise={self._noise.value}", *self._numbers.value.split()])
+        self._open_spec(f"synthetic:{self._shape.value}?{query}", Failed.GENERATE)
 
 
-# Recordings that come with Kalscope, the figures of the source documents, and their page with Table 1.
+# Recordings that come with Kalscope, and the figures of the source documents.
 
 
 NONE = "–"
-
-PAGE_NAME = "kalscope-papers.html"
 
 AUTHORS = {"noise_reducer": "Ma'arif 2019", "generalized": "Khan", "lis302dl": "interactive matter 2009"}
 """Source documents, by what their experiments' names begin with."""
@@ -267,63 +229,27 @@ AUTHORS = {"noise_reducer": "Ma'arif 2019", "generalized": "Khan", "lis302dl": "
 class SamplesView:
     """The folder "Samples and papers" of the Source tab."""
 
-    def __init__(
-        self, gui: viser.GuiApi, session: Session, jobs: Jobs, open_spec: Callable[[str, Failed], None]
-    ) -> None:
+    def __init__(self, gui: viser.GuiApi, session: Session, open_spec: Callable[[str, Failed], None]) -> None:
         """Args: the usual; opens the source of this name."""
-        self._jobs, self._stop = jobs, threading.Event()
-        self._page: Reproduction | None = None
-        self._samples = {sample_label(sample.title, sample.made): sample.name for sample in list_samples()}
-        self._figures = {experiment_label(one): one.name for one in list_experiments()}
+        samples = {sample_label(sample.title, sample.made): f"sample:{sample.name}" for sample in list_samples()}
+        self._specs = samples | {experiment_label(one): f"experiment:{one.name}" for one in list_experiments()}
         with gui.add_folder("Samples and papers"):
-            self._sample = gui.add_dropdown(
-                "sample", (NONE, *self._samples), hint="Recordings that come with Kalscope."
-            )
-            self._figure = gui.add_dropdown(
-                "re-created figure",
-                (NONE, *self._figures),
-                hint="Figures of the three source documents, which publish pictures and no data.",
-            )
-            page = gui.add_button(
-                "Open the paper page", hint="Recomputes Table 1 and every figure, in about 10 s, as one page."
-            )
-            self._progress = gui.add_progress_bar(0.0, visible=False)
-            self._cancel = gui.add_button("Cancel", visible=False, hint="Stop computing the page.")
+            hint = "What comes with Kalscope, and figures re-created from three documents that publish no data."
+            self._menu = gui.add_dropdown("sample or figure", (NONE, *self._specs), hint=hint)
 
-        def open_sample() -> None:
-            if (name := self._samples.get(self._sample.value)) is not None:
+        def open_chosen() -> None:
+            kind, _, name = self._specs.get(self._menu.value, "").partition(":")
+            if kind == "experiment":
+                session.request(lambda state: opened_experiment(name, state), failed=Failed.OPEN)
+            elif kind:
                 open_spec(f"sample:{name}", Failed.OPEN)
 
-        def open_figure() -> None:
-            if (name := self._figures.get(self._figure.value)) is not None:
-                session.request(lambda state: opened_experiment(name, state), failed=Failed.OPEN)
-
-        on_user(self._sample.on_update, lambda _client: open_sample())
-        on_user(self._figure.on_update, lambda _client: open_figure())
-        on_user(page.on_click, self._open_page)
-        on_user(self._cancel.on_click, lambda _client: self._stop.set())
-
-    def _open_page(self, client: viser.ClientHandle) -> None:
-        stop = self._stop = threading.Event()
-
-        def work() -> None:
-            from kalscope.papers.reproduction import reproduce  # with matplotlib, which starts slowly
-
-            if self._page is None:  # the same at every run
-                with SlowJobProgress(self._progress, self._cancel) as shown:
-                    self._page = reproduce(progress=shown.report, cancelled=stop.is_set)
-            show_page(client, self._page)
-
-        self._jobs.run(work, Failed.REPRODUCE)
+        on_user(self._menu.on_update, lambda _client: open_chosen())
 
     def show(self, frame: Frame) -> None:
-        """Show which sample or figure is open."""
+        """Show which one is open."""
         source = frame.state.recording.source
-        for menu, names, kind in (
-            (self._sample, self._samples, "sample:"),
-            (self._figure, self._figures, "experiment:"),
-        ):
-            menu.value = next((label for label, name in names.items() if source == f"{kind}{name}"), NONE)
+        self._menu.value = next((label for label, spec in self._specs.items() if spec == source), NONE)
 
 
 def sample_label(title: str, made: str) -> str:
@@ -337,36 +263,6 @@ def experiment_label(experiment: Experiment) -> str:
     return f"{author}: {experiment.title.removeprefix('LIS302DL: ')}"
 
 
-def show_page(client: viser.ClientHandle, page: Reproduction) -> None:
-    """A window with Table 1, and the whole page as a download."""
-    with client.gui.add_modal("Ma'arif 2019, Table 1") as window:
-        client.gui.add_markdown(table_1(page))
-        download = client.gui.add_button(
-            "Download the whole page (HTML)", color=PRIMARY, hint="All figures and tables; one file."
-        )
-        close = client.gui.add_button("Close")
-
-    def send(client: viser.ClientHandle) -> None:
-        client.send_file_download(PAGE_NAME, page.html.encode(), save_immediately=True)
-
-    on_user(download.on_click, send)
-    on_user(close.on_click, lambda _client: window.close())
-
-
-def table_1(page: Reproduction) -> str:
-    """Table 1 as markdown, and how many reproduced numbers hold."""
-    rows = [
-        f"| {row['r']:g} | {row['q']:g} | "
-        + " | ".join(f"{row[key]:.4f}" for key in ("printed", "simulated", "theoretical"))
-        + " |"
-        for row in page.results["noise_reducer"]["table_1"]
-    ]
-    head = "| R | Q | printed | simulated | theory |\n|---|---|---|---|---|\n"
-    within = len(page.checks) - len(page.failed)
-    said = f"{within} of {len(page.checks)} reproduced numbers of all three documents are within their tolerance."
-    return f"Mean error of the filtered signal.\n\n{head}{chr(10).join(rows)}\n\n{said}"
-
-
 # The source of the signal: a file, uploaded or by its path; the generator; and how the file was read.
 
 
@@ -378,6 +274,8 @@ UPLOAD_ORDER = -1.0
 
 MAX_NAME = 100
 """Characters of a name that an error message shows."""
+
+OPTIONS_HINT = "As on the command line, such as --delimiter tab --missing -200; a wrong word lists them all."
 
 PERIOD_HINT = "Time between two samples. Empty: as recorded."
 
@@ -416,7 +314,7 @@ class SourceView:
 
     def build_rest(self, gui: viser.GuiApi) -> None:
         """The lower part: samples and papers, the generator, the import summary and the import options."""
-        self._samples = SamplesView(gui, self._session, self._jobs, self.open_spec)
+        self._samples = SamplesView(gui, self._session, self.open_spec)
         with gui.add_folder("Generate a signal", expand_by_default=False):
             self._generator = GeneratorForm(gui, self.open_spec)
         self._fleet = FleetView(gui, self._session, self._jobs, self._worker, self.open_device)
@@ -425,8 +323,13 @@ class SourceView:
                 gui, self._session, "sample period", "sample period (s)", PERIOD_HINT, _period_typed
             )
             report = gui.add_markdown("")
-            with gui.add_folder("Import options", expand_by_default=False):
-                self._reading = ReadingForm(gui, self._read_again)
+            self._options = gui.add_text(
+                "import options",
+                "",
+                hint=OPTIONS_HINT,
+            )
+            again = gui.add_button("Re-import", hint="Reads the file with these options, and what was added to it.")
+        on_user(again.on_click, lambda _client: self._read_again(self._options.value))
         self._report = report  # last: a frame may come at any time
 
     def add_upload(self, client: viser.ClientHandle) -> None:
@@ -474,18 +377,22 @@ class SourceView:
 
         self._jobs.run(work, Failed.OPEN)
 
-    def _read_again(self, options: ReadOptions) -> None:
+    def read_with(self, options: str) -> None:
+        """Read the same file again with options more."""
+        self._session.with_state(lambda state: self._read_again(f"{words_of(state.open.options)} {options}"))
+
+    def _read_again(self, text: str) -> None:
         """Read the same file again, with other options or because it has changed."""
 
         def read(state: State) -> None:
-            recording = state.recording
+            options, recording = options_of(text), state.recording
             (source, title), reader = self._again
             same = (recording.source, recording.title) == (source, title)
             period = state.open.typed_period if options.rate is None else None
             reader = reader if same else partial(open_source, recording.source)
             self._read(reader, recording.title or recording.source, options, period)
 
-        self._session.with_state(read)
+        self._jobs.run_with_state(self._session, read, Failed.OPEN)
 
     def _read(
         self,
@@ -529,8 +436,13 @@ class SourceView:
             return
         waits = frame.state.live is not None and frame.state.live.waits
         self._report.content = f"{capitalised(WAITING)}." if waits else import_summary(recording)
-        self._reading.show(frame.state.open.options)
+        self._options.value = words_of(frame.state.open.options)
         self._described = recording
+
+
+def words_of(options: ReadOptions) -> str:
+    """Options as they are typed."""
+    return join_values(option_words(options))
 
 
 def _period_typed(_name: str, text: str) -> Change:

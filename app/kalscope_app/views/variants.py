@@ -6,12 +6,12 @@ from contextlib import AbstractContextManager
 
 import viser
 
-from kalscope.common.text import correlation, count, decibels, lag_text, number, percent
+from kalscope.common.text import correlation, decibels, lag_text, number, percent
 from kalscope_app.engine.frame import Frame
 from kalscope_app.session.changes import delete_variant, momentum_words, use_variant
 from kalscope_app.session.session import Session
 from kalscope_app.session.state import MAX_VARIANTS, Variant
-from kalscope_app.studies.comparisons import Fit, VariantComparison, VariantRow
+from kalscope_app.studies.comparisons import VariantComparison, VariantRow
 from kalscope_app.views.widgets import capitalised, escape_markdown, on_user
 
 NOTHING = "–"
@@ -74,85 +74,66 @@ def _follow(chosen: str, before: tuple[str, ...], names: tuple[str, ...]) -> str
     return names[min(before.index(chosen), len(names) - 1)] if chosen in before else names[-1]
 
 
+EXPLAINED = (
+    "NIS is 1 where q and r have the right size; the lag‑1 correlation is near 0 (✓) for a white innovation. "
+    "Both are for the Kalman filter alone. "
+)
+
+COMPARED = {
+    True: "The setting with the largest log-likelihood explains the recording best.",
+    False: "The log-likelihoods sum over different samples and cannot be compared.",
+}
+"""What the log-likelihoods tell, by whether all sum over the same samples."""
+
+
 def table_text(table: VariantComparison) -> str:
     """The settings side by side, the present one first; markdown, names escaped."""
     if table.state.fusion is not None:
         return FOR_ONE_CHANNEL
     if not table.state.variants:
         return EMPTY
-    with_truth = any(row.measures.rmse is not None for row in table.rows)
+    rows = [_cells(table, row) for row in table.rows]
+    columns = [name for name in rows[0] if any(cells[name] for cells in rows)]
+    shown = [columns, *([cells[name] or "–" for name in columns] for cells in rows)]
+    head, *lines = (f"| {' | '.join(line)} |" for line in shown)
+    scored = {row.measures.fit.scored for row in table.rows if row.measures.fit}
+    table_lines = "\n".join([head, "|" + "---|" * len(columns), *lines])
+    return f"{table_lines}\n\n{EXPLAINED}{COMPARED[len(scored) < 2]}"
+
+
+def _cells(table: VariantComparison, row: VariantRow) -> dict[str, str]:
+    """The cells of a setting by their columns; "" where it has no such number."""
+    measures, tuning, fit = row.measures, row.tuning, row.measures.fit
+    steady, period, chain = measures.steady, table.state.recording.sample_period, row.tuning.chain
+    used = chain is None or chain.then is None
     unit = escape_markdown(table.state.tuning.unit, 12)
-    head = ["", *(("filter",) if table.with_chain else ()), "q", "r"]
-    head += [*(("τ",) if table.with_momentum else ()), "lag", "noise"]
-    head += ["over\u00adshoot"] if table.with_momentum else []
-    head += [f"RMSE {unit}".strip()] if with_truth else []
-    head += ["NIS", "lag‑1 corr.", "log-likelihood"]
-    lines = ["| " + " | ".join(head) + " |", "|" + "---|" * len(head)]
-    best = _best(table.rows)
-    lines += ["| " + " | ".join(_cells(table, row, with_truth, best)) + " |" for row in table.rows]
-    return "\n".join(lines) + "\n\n" + _explained(table, with_truth)
-
-
-def _best(rows: tuple[VariantRow, ...]) -> tuple[float | None, float | None]:
-    """The smallest RMSE, and the largest log-likelihood where all rows sum over the same samples."""
-    errors = [row.measures.rmse for row in rows if row.measures.rmse is not None]
-    fits = [row.measures.fit for row in rows if row.measures.fit]
-    comparable = len({fit.scored for fit in fits}) == 1
-    return min(errors, default=None), max(fit.loglik for fit in fits) if comparable else None
-
-
-def _cells(
-    table: VariantComparison, row: VariantRow, with_truth: bool, best: tuple[float | None, float | None]
-) -> list[str]:
-    measures, steady, chain = row.measures, row.measures.steady, row.tuning.chain
-    period = table.state.recording.sample_period
-    used = [number(row.tuning.q), number(row.tuning.r)]
-    used += [momentum_words(row.tuning.momentum, period)] if table.with_momentum else []
-    cells = [
-        "**current**" if row.variant is None else mark(row.variant, dark=table.state.view.dark),
-        *(("Kalman" if chain is None else capitalised(chain.words),) if table.with_chain else ()),
-        *(used if chain is None or chain.then is None else "–" * len(used)),
-        lag_text(steady.lag_samples, period),
-        decibels(-steady.noise_reduction_db),
-        *((percent(steady.overshoot),) if table.with_momentum else ()),
-    ]
-    if with_truth:
-        cells.append("–" if measures.rmse is None else _bold(number(measures.rmse, 4), measures.rmse == best[0]))
-    cells += ["–"] * 3 if measures.fit is None else _fit_cells(measures.fit, best[1])
-    return [cells[0], *(cell if len(cell) > MAX_UNBROKEN else cell.replace(" ", "\u00a0") for cell in cells[1:])]
-
-
-def _fit_cells(fit: Fit, best: float | None) -> list[str]:
-    d = fit.diagnostics
-    quiet = "✓" if abs(d.r1) <= d.r1_bound else "✗"
-    return [number(d.nis), f"{correlation(d.r1)} {quiet}", _bold(number(fit.loglik, 6), fit.loglik == best)]
+    quiet = "✓" if fit is not None and abs(fit.diagnostics.r1) <= fit.diagnostics.r1_bound else "✗"
+    numbers = {
+        "filter": "Kalman" if chain is None else capitalised(chain.words),
+        "q": number(tuning.q) if used else "",
+        "r": number(tuning.r) if used else "",
+        "τ": momentum_words(tuning.momentum, period) if used else "",
+        "lag": lag_text(steady.lag_samples, period),
+        "noise": decibels(-steady.noise_reduction_db),
+        "over\u00adshoot": percent(steady.overshoot),
+        f"RMSE {unit}".strip(): "" if measures.rmse is None else number(measures.rmse, 4),
+        "NIS": "" if fit is None else number(fit.diagnostics.nis),
+        "lag‑1 corr.": "" if fit is None else f"{correlation(fit.diagnostics.r1)} {quiet}",
+        "log-likelihood": "" if fit is None else number(fit.loglik, 6),
+    }
+    hidden = {
+        *(() if table.with_chain else ("filter",)),
+        *(() if table.with_momentum else ("τ", "over\u00adshoot")),
+    }
+    name = "**current**" if row.variant is None else mark(row.variant, dark=table.state.view.dark)
+    glued = {
+        column: cell if len(cell) > MAX_UNBROKEN else cell.replace(" ", "\u00a0")
+        for column, cell in numbers.items()
+        if column not in hidden
+    }
+    return {"": name, **glued}
 
 
 def mark(variant: Variant, *, dark: bool) -> str:
     """A spot of its colour and its name."""
     return f'<span style="color:{variant.css(dark=dark)}">■</span> **{escape_markdown(variant.name, 20)}**'
-
-
-def _bold(text: str, chosen: bool) -> str:
-    return f"**{text}**" if chosen else text
-
-
-def _explained(table: VariantComparison, with_truth: bool) -> str:
-    said = [
-        "NIS is 1 where q and r have the right size; the lag‑1 correlation is near 0 (✓) for a white innovation."
-    ]
-    if with_truth:
-        said.append("RMSE is the error against the truth; the smallest is bold.")
-    scored = {row.measures.fit.scored for row in table.rows if row.measures.fit}
-    if len(scored) == 1:
-        said.append(
-            "The larger the log-likelihood, the better a setting explains the recording; the largest is bold."
-        )
-    elif scored:
-        few, many = count(min(scored)), count(max(scored))
-        said.append(f"The log-likelihoods sum over {few} to {many} samples and cannot be compared.")
-    if table.with_chain:
-        said.append("All three are for the Kalman filter alone.")
-    if len(table.rows) == len(table.state.variants):
-        said.append("The Khan et al. filter is not listed.")
-    return " ".join(said)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 import time
 from collections.abc import Callable, Iterable
@@ -9,8 +10,9 @@ from typing import Any
 
 import viser
 
-from kalscope.common.text import squared
+from kalscope.common.text import percent, squared
 from kalscope_app.engine.frame import Frame
+from kalscope_app.guard.viser_private import set_ends
 from kalscope_app.session.changes import set_text
 from kalscope_app.session.session import Failed, Session
 from kalscope_app.session.state import Change
@@ -28,6 +30,11 @@ def escape_markdown(text: str, limit: int = 60) -> str:
 def capitalised(words: str) -> str:
     """Words with a capital first letter, as at the beginning of a sentence."""
     return f"{words[:1].upper()}{words[1:]}"
+
+
+def noise_left(reduction_db: float) -> str:
+    """The size of the noise that is left, as a share of its standard deviation: 22 %."""
+    return percent(10.0 ** (-reduction_db / 20.0))
 
 
 # Progress and Cancel, on screen only while a job takes longer than a second.
@@ -94,8 +101,8 @@ def put(handle: Any, **properties: Any) -> None:
 
 
 def typed(value: float) -> str:
-    """A value for a text box, up to eight digits, without padding zeros: 0.0589, 1e-9, 1469.18."""
-    text = f"{value:.8g}"
+    """A value for a text box, up to seven digits, without padding zeros: 0.0589, 1e-9, 1469.18."""
+    text = f"{value:.7g}"
     return re.sub(r"e([+-])0*(\d)", lambda m: f"e{m[1].replace('+', '')}{m[2]}", text)
 
 
@@ -118,10 +125,10 @@ class TypedNumber:
         label: str,
         hint: str,
         change: Callable[[str, str], Change] = set_text,
-        written: Callable[[float], str] = typed,
+        written: Callable[[float], str] | None = None,
     ) -> None:
         self._session, self._name, self._hint, self._change = session, name, hint, change
-        self._written = written
+        self._written = written or typed
         self._text = gui.add_text(label, "", hint=hint)
         self._value: object = ...  # nothing has been shown yet
         self._serial, self._stale = 0, False
@@ -145,3 +152,54 @@ class TypedNumber:
             return
         self._value, self._stale = value, False
         self._text.value = missing if value is None else self._written(value)
+
+
+SLIDER_HINT = "Drag, or click and use the arrow keys."
+
+Ends = tuple[tuple[float, str], tuple[float, str]]
+"""Position and words of both ends of a slider."""
+
+
+class NumberWithSlider:
+    """One parameter in one row: its exact value as text, and a slider for its position on a scale."""
+
+    def __init__(
+        self, gui: viser.GuiApi, session: Session, label: str, box: TypedNumber, change: Callable[[float], Change]
+    ) -> None:
+        """Args: the usual; the name of the slider; the box before it; the change that a new position asks for."""
+        self._session, self._label, self._change, self._box = session, label, change, box
+        self.slider = gui.add_slider(label, min=-6.0, max=6.0, step=0.01, initial_value=0.0, hint=SLIDER_HINT)
+        self._serial = 0
+        on_user(self.slider.on_update, lambda _client: self._file())
+
+    def set_visible(self, visible: bool) -> None:
+        """Show or hide both."""
+        put(self.slider, visible=visible)
+        self._box.set_visible(visible)
+
+    def is_held(self, frame: Frame) -> bool:
+        """Whether this frame answers a move of the slider, or is older than that."""
+        return 0 < frame.serial <= self._serial
+
+    def _file(self) -> None:
+        change = self._change(float(self.slider.value))
+        self._serial = self._session.request(change, key=f"slider {self._label}")
+
+    def show(self, frame: Frame, value: float | None, missing: str, position: float, ends: Ends) -> None:
+        """Write the value, and move the slider between its ends unless it was moved since."""
+        self._box.show(frame, value, missing)
+        if frame.serial < self._serial:
+            return
+        set_ends(self.slider, *ends)
+        if abs(self.slider.value - position) > 0.005:
+            self.slider.value = round(position, 2)
+
+
+def on_decades(value: float | None, low: int, high: int, beyond: str = "") -> tuple[float, Ends]:
+    """Position and ends of a slider over 10^low … 10^high; `beyond` names one more step at its right, for None."""
+    ends = (float(low), f"1e{low}"), (float(high), f"1e{high}")
+    if beyond:
+        ends = (float(low), ""), (high + 1.0, beyond)  # there is no room for both words
+    if value is None:
+        return ends[1][0], ends
+    return min(max(math.log10(value), low), high) if value > 0.0 else float(low), ends

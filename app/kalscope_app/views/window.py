@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import json
 import logging
-import math
-import threading
 from collections.abc import Callable, Iterable, Iterator
 from importlib.resources import files
 from pathlib import Path
@@ -16,16 +14,15 @@ import numpy as np
 import viser
 
 from kalscope.common.compiled import Compiling
-from kalscope.common.numbers import Array
-from kalscope.common.text import decibels, duration, lag_text
+from kalscope.common.text import decibels, lag_text
 from kalscope.recording import Recording
-from kalscope.sources.reading.axis import MIN_JITTER, jitter_of, rate_words
+from kalscope.sources.reading.axis import jitter_of, rate_words
 from kalscope_app.engine.frame import Frame
 from kalscope_app.guard.viser_private import commands_of, is_on_screen, press, widgets_of
 from kalscope_app.program.log import sentence_for
 from kalscope_app.session.changes import select_channel, set_dark, set_smoother, set_velocity
 from kalscope_app.session.session import Failed, Session
-from kalscope_app.views.widgets import bind, capitalised, escape_markdown, offer, put
+from kalscope_app.views.widgets import bind, capitalised, escape_markdown, noise_left, offer, put
 
 # A few rules of style that viser leaves to the browser: legible tables, and space between paragraphs.
 #
@@ -38,6 +35,15 @@ HEADING = '<span class="kalscope-heading"></span>'
 HEADER = '<span class="kalscope-header"></span>'
 """Precedes the header, which stays visible while the tab below it scrolls."""
 
+FIGURE = '<span class="kalscope-figure">'
+"""Starts a large figure, in bold, and the words below it."""
+
+QUESTION = '<span class="kalscope-question"></span>'
+"""Precedes a question above the charts, and its button."""
+
+ONE_CHANNEL = '<span class="kalscope-one-channel"></span>'
+"""On the page while the recording has one channel: the page then hides the tab that compares channels."""
+
 VERDICT = '<span class="kalscope-verdict"></span>'
 """Precedes the button that shows the verdict."""
 
@@ -49,78 +55,6 @@ COMMAND = '<span class="kalscope-command"></span>'
 
 PRIMARY: Literal["blue"] = "blue"
 """Colour of the one filled button of a tab, shown as the theme's own; buttons without a colour are outlined."""
-
-RULES = """
-:root[data-mantine-color-scheme="light"] {
-  --mantine-color-dimmed: #5f6973; --mantine-primary-color-contrast: #fff;
-  --mantine-color-custom-filled: #0072b2; --mantine-color-custom-filled-hover: #005f96;
-  --mantine-color-custom-outline: #0072b2; }
-:root[data-mantine-color-scheme="dark"] {
-  --mantine-color-dimmed: #a3a3a3; --mantine-primary-color-contrast: #000;
-  --mantine-color-custom-filled: #56b4e9; --mantine-color-custom-filled-hover: #7cc5ee;
-  --mantine-color-custom-outline: #56b4e9; }
-:root { --mantine-color-placeholder: var(--mantine-color-dimmed); }
-.mantine-Slider-thumb, .multi-slider-thumb { background: var(--mantine-primary-color-filled) !important; }
-.mantine-Slider-markLabel { color: var(--mantine-color-dimmed); }
-p:has(> .kalscope-heading) { min-height: 2.6em; line-height: 1.3; }
-table { border-collapse: collapse; }
-th, td { text-align: left; vertical-align: top; padding: 0 0.55em 0 0; }
-th:last-child, td:last-child { padding-right: 0; }
-p > code { overflow-wrap: anywhere; }
-p:has(> .kalscope-command) > code { display: inline-block; max-width: 100%; padding: 0; }
-th:not(:empty) { padding-bottom: 0.15em; }
-:is(p, table, ul) + :is(p, table, ul) { margin-top: 0.45em !important; }
-@media (max-width: 36em) { table { display: block; overflow-x: auto; font-size: 0.9em; } }
-.mantine-Button-root[data-block]:not([style*="--button-bg"], [data-disabled]) {
-  background: transparent; border: 1px solid var(--mantine-primary-color-filled); color: var(--mantine-color-text);
-}
-.mantine-Button-root[data-block]:not([style*="--button-bg"], [data-disabled]):hover {
-  background: var(--mantine-primary-color-light);
-}
-.mantine-Button-root[style*="mantine-color-blue-filled"] {
-  --button-bg: var(--mantine-primary-color-filled) !important;
-  --button-color: var(--mantine-primary-color-contrast) !important;
-}
-.kalscope-stopped { position: fixed; inset: 0 0 auto; z-index: 10000; padding: 0.6em 1em; text-align: center;
-  font: 600 1rem/1.4 var(--mantine-font-family); color: #fff; background: #a61b1b; }
-.mantine-Slider-root + .mantine-NumberInput-root { display: none; }
-.mantine-Slider-root:has(+ .mantine-NumberInput-root) { margin-bottom: 0.7em; }
-@media (min-width: 36.01em) { [data-dock-region="left"] div:has(> p > label) { width: 9.3em !important; } }
-.mantine-ScrollArea-scrollbar[data-orientation="vertical"] { width: 6px; }
-.mantine-Slider-markWrapper { width: 0; }
-.mantine-Slider-markLabel { width: max-content; }
-.uplot:has(> .u-wrap[style*="width: 0px"]) { width: 100%; visibility: hidden; }
-div:has(> .kalscope-header) + div { padding-bottom: 3px !important; }
-div:has(> .kalscope-verdict) + div button {
-  height: 28px; color: var(--button-bg); background: color-mix(in srgb, var(--button-bg) 12%, transparent);
-  border: 1px solid color-mix(in srgb, var(--button-bg) 45%, transparent); }
-[data-mantine-color-scheme="dark"] div:has(> .kalscope-verdict) + div button {
-  color: color-mix(in srgb, var(--button-bg) 45%, white); }
-div:has(> div > .kalscope-header) { display: grid; grid-template-columns: 1fr auto; }
-div:has(> div > .kalscope-header) > div { grid-column: 1 / -1; }
-div:has(> div > .kalscope-header) > div:has(> .kalscope-verdict) + div { grid-column: 1; }
-div:has(> div > .kalscope-header) > div:has(> .kalscope-verdict) + div + div { grid-column: 2; }
-div:has(> .kalscope-verdict) + div + div button { height: 28px; }
-div:has(> .kalscope-one-button) + div button { flex: 0 0 auto !important; padding: 0 1em; }
-@media (max-width: 1099.98px) { div:has(> .kalscope-verdict) + div + div { display: none; } }
-@media (min-width: 1100px) { div:has(> .kalscope-verdict) + div { margin-right: 0 !important; } }
-@media (min-width: 36.01em) {
-  .mantine-ScrollArea-viewport:has(.kalscope-header) div:has(div .kalscope-header) { height: 100%; }
-  div:has(> div > .kalscope-header) { box-sizing: border-box; grid-template-rows: repeat(19, auto) minmax(0, 1fr); }
-  div:has(> [data-dock-area]) { grid-row: 20; min-height: 0; }
-  [data-dock-area], [data-dock-area] div:has(.mantine-ScrollArea-root) { height: 100%; min-height: 0 !important; }
-}
-"""
-"""Small texts, buttons and sliders of viser lack the contrast of WCAG 2.2 AA: 4.5 : 1 for texts, else 3 : 1.
-Its markdown has no padding in its tables, centres their heads, sets paragraphs without any space, and lets a long
-path run out of its panel. Beside a slider it repeats the position as a number, where the box above has the value,
-its marks reach past the panel, and its column of labels is too narrow for "measurement noise r". On a phone a wide
-table would make its whole panel scroll sideways.
-
-A chart does not know its width when it is made: it is hidden until it does, and as high as it will be.
-
-The last rules keep the header visible: every box around it, and around the tab below it, is as high as its panel
-allows, so that only the tab scrolls. The verdict is a word in its colour, not a filled button."""
 
 
 # The panels, their sizes and the theme. Sizes are for a window 900 px high; `page_script` fits them to others.
@@ -138,8 +72,8 @@ RIGHT_WIDTH_WITHOUT_MAP = 965
 WINDOW_HEIGHT = 900
 """Height of the window for which all heights below are given, px."""
 
-CHROME_HEIGHT = 166
-"""Height of everything above and below the charts of the Signal tab: tab bar, range, heading; px. Firefox draws the
+CHROME_HEIGHT = 108
+"""Height of everything above and below the charts of the Signal tab: tab bar and heading; px. Firefox draws the
 tab bar and the heading 2 px higher than Chromium."""
 
 FRAME_HEIGHT = 26
@@ -226,6 +160,11 @@ class Notifications:
         else:
             log.error("uncaught %s", type(message).__name__, exc_info=message)
             self.show_failure(message)
+
+    def show_compiling(self, progress: Compiling) -> None:
+        """Show how far the compiler is, which runs at the first start after an installation."""
+        if progress.is_busy and self._server.get_clients():
+            self.tell(f"{progress}.".capitalize(), good=True)
 
     def show_failure(self, error: Exception) -> None:
         """Show what to do after an uncaught exception."""
@@ -363,9 +302,9 @@ def widgets_in(part: object) -> Iterator[Any]:
 # `stopped.js` says that the program has ended, and `map.js` beside `views/map.py` shows the tuning map.
 
 
-APPLY_RULES = f"""{{ const style = new CSSStyleSheet();
-style.replaceSync({json.dumps(RULES)});
-document.adoptedStyleSheets.push(style); }}
+APPLY_RULES = """{ const style = new CSSStyleSheet();
+style.replaceSync(%s);
+document.adoptedStyleSheets.push(style); }
 """
 """Adopted rules take precedence over those of viser's own style, wherever it puts them."""
 
@@ -385,8 +324,13 @@ MAP_POINTED = "map pointed"
 """Label of the hidden vector with which a page reports where the user points, in shares of the picture, and in
 which gesture: a number for each, negative for a click, positive for a drag."""
 
-EXPORT_BUTTON, EXPORT_TAB = "Export this one", "Export"
-"""Label of the button that leads to another tab, and of that tab: viser cannot open a tab itself."""
+EXPORT_BUTTON, PERIOD_BUTTON, STEPS_BUTTON = "Export this one", "Give the sample period", "Show the first steps"
+
+LEADS = {EXPORT_BUTTON: "Export", PERIOD_BUTTON: "Source", STEPS_BUTTON: "Tune"}
+"""Labels of buttons that lead to another tab, and of that tab: viser cannot open a tab itself."""
+
+COPY_BUTTON = "Copy text"
+"""Label of a button that copies the text box above it, which only the page can do."""
 
 TYPED, OTHER_RATE = "Other address …", "another"
 """The options of the menus of ports and of baud rates that stand for what is in the text box below."""
@@ -408,67 +352,30 @@ SIZES = {
     "mapShape": 0.5,  # width : height at most
     "noMap": 120,  # px of canvas that viser keeps in any case
     "height": WINDOW_HEIGHT,
-    "minHeight": CHROME_HEIGHT + 480,  # px; lower windows scroll
+    "minHeight": CHROME_HEIGHT + 538,  # px; lower windows scroll
     "mapPicture": MAP_PICTURE,
     "mapMark": MAP_MARK,
     "mapPresent": MAP_PRESENT,
     "mapPointed": MAP_POINTED,
     "mapGrip": 0.04,  # of the picture's width: nearer to the mark a drag grabs it; from farther away the mark jumps
-    "exportButton": EXPORT_BUTTON,
-    "exportTab": EXPORT_TAB,
+    "leads": LEADS,
+    "copyButton": COPY_BUTTON,
     "textBoxes": TEXT_BOXES,
     "typingPause": 900,  # ms without a key after which a complete number counts without Enter
 }
 
 
-NAMES = "keep_up", "stopped", "scene", "page_script", "text_boxes", "keyboard"
+NAMES = "keep_up", "stopped", "scene", "page_script", "text_boxes", "keyboard", "map"
 """The scripts beside this module, in the order in which they get each message."""
 
 
 def page_script() -> str:
     """The script for the head of the page."""
     views, sizes = files("kalscope_app.views"), json.dumps(SIZES)
-    scripts = *(f"page/{name}.js" for name in NAMES), "page/map.js"
-    parts = (views.joinpath(script).read_text("utf-8") for script in scripts)
-    return APPLY_RULES + "".join(f"{{ const sizes = {sizes};\n{part}}}\n" for part in parts)
-
-
-# A note in every browser while loops are compiled, at the first start after an installation.
-
-
-STAYS_S = 1.5
-"""Seconds after the last loop for which the note stays: the next one often begins at once."""
-
-
-class CompilingNote:
-    """Shows the progress of the compiler; removed when it has finished."""
-
-    def __init__(self, server: viser.ViserServer) -> None:
-        self._server = server
-        self._notes = WeakKeyDictionary[viser.ClientHandle, viser.NotificationHandle]()
-        self._changing = threading.Lock()
-        self._end: threading.Timer | None = None
-
-    def show(self, progress: Compiling) -> None:
-        """Show this in every browser; runs on the thread that compiles."""
-        body = f"{progress}.".capitalize()
-        with self._changing:
-            if self._end is not None:
-                self._end.cancel()
-            for client in self._server.get_clients().values():
-                if client in self._notes:
-                    self._notes[client].body = body
-                else:
-                    self._notes[client] = client.add_notification("Kalscope", body, loading=True)
-            self._end = threading.Timer(STAYS_S, self._remove)
-            if not progress.is_busy:
-                self._end.start()
-
-    def _remove(self) -> None:
-        with self._changing:
-            for note in self._notes.values():
-                note.remove()
-            self._notes.clear()
+    page = views.joinpath("page")
+    rules = json.dumps(page.joinpath("style.css").read_text("utf-8"))
+    parts = (page.joinpath(f"{name}.js").read_text("utf-8") for name in NAMES)
+    return APPLY_RULES % rules + "".join(f"{{ const sizes = {sizes};\n{part}}}\n" for part in parts)
 
 
 # The command palette, Ctrl+K: every button, checkbox and button of a row, by its label.
@@ -540,86 +447,43 @@ class ViewTab:
         self._dark.value, self._smoother.value, self._velocity.value = view.dark, view.smoother, view.velocity
 
 
-# How unevenly the samples of a recording follow each other, and what that does to a delay. Pure.
-
-
-LOOKS = 2000
-"""Spans of a recording that are measured, at most: enough for percentiles, and quick whatever its length."""
-
-TAIL = 5.0
-"""Per cent left out at each end: nine of ten lie between, and no pause distorts the result."""
-
-
-def spread_of_span(time: Array, samples: float) -> tuple[float, float] | None:
-    """How long `samples` steps last: nine of ten spans lie between the two durations.
-
-    Args:
-        time: times of the samples, s, shape (n,).
-        samples: how many steps, > 0, whole or not.
-
-    Returns:
-        The shortest and the longest usual span in s; None where the recording is too short to tell.
-    """
-    last = len(time) - 1 - math.ceil(samples) if math.isfinite(samples) else 0
-    if last < 9 or samples <= 0.0:
-        return None
-    start = np.unique(np.linspace(0, last, LOOKS).astype(np.intp))
-    whole, part = int(samples), samples - int(samples)
-    first, end = time[start], time[start + whole]
-    if part:
-        end = end + part * (time[start + whole + 1] - end)
-    low, high = np.percentile(end - first, (TAIL, 100.0 - TAIL))
-    return float(low), float(high)
-
-
 # The header above the tabs: what is open, its channel and rate, and what the filter costs and gives.
 
 
-WORTH_SAYING = 0.05
-"""Share of a lag by which nine of ten must differ to be shown: less is lost in the digits shown."""
-
-
 class HeaderView:
-    """Two lines of text, and between them the channel where there are several."""
+    """What is open, its channel where there are several, and two large figures."""
 
     def __init__(self, gui: viser.GuiApi, session: Session) -> None:
         gui.add_html(HEADER)
         self._record = gui.add_markdown("")
         self._channel = gui.add_dropdown("channel", list[str](["–"]), hint="Each channel has its own filter.")
-        self._numbers = gui.add_markdown("")
-        self._jitter: tuple[Recording | None, float] = None, 0.0
+        self._one = gui.add_html(ONE_CHANNEL)
+        self._figures = gui.add_markdown("")
+        self._described: Recording | None = None
         bind(self._channel, session, select_channel)
 
     def show(self, frame: Frame) -> None:
-        """Write both lines."""
-        record, jitter = frame.state.recording, self._jitter_of(frame.state.recording)
-        self._record.content = record_line(record, jitter)
-        fusion = frame.state.settings.fusion
+        """Write them."""
+        record, fusion = frame.state.recording, frame.state.settings.fusion
+        if record is not self._described:  # every stamp is read: once a recording, not once a frame
+            self._described, self._record.content = record, record_line(record)
         names = record.names if fusion is None else (*record.names, fusion.tuning.name)
         offer(self._channel, names, frame.state.channel if frame.state.fusion is None else names[-1])
-        self._channel.visible = len(record.names) > 1
-        self._numbers.content = numbers_line(frame, jitter)
-
-    def _jitter_of(self, recording: Recording) -> float:
-        if recording is not self._jitter[0]:  # every stamp is read: once a recording, not once a frame
-            self._jitter = recording, jitter_of(recording)
-        return self._jitter[1]
+        put(self._one, visible=len(record.names) == 1)
+        put(self._channel, visible=len(record.names) > 1)
+        self._figures.content = figures(frame)
 
 
-def record_line(recording: Recording, jitter: float) -> str:
+def record_line(recording: Recording) -> str:
     """Name and rate, with how far the steps vary; markdown, escaped."""
-    return f"**{escape_markdown(recording.title, 40)}** · {rate_words(recording.sample_period, jitter)}"
+    rate = rate_words(recording.sample_period, jitter_of(recording))
+    return f"**{escape_markdown(recording.title, 40)}** · {rate}"
 
 
-def numbers_line(frame: Frame, jitter: float) -> str:
-    """The lag and what is left of the noise; where steps vary, the range in which nine of ten lags lie.
-
-    First the filter, where it is not the Kalman filter alone.
-    """
-    lag, record, chain = frame.steady.lag_samples, frame.state.recording, frame.state.tuning.chain
-    said = f"lag **{lag_text(lag, record.sample_period)}**"
-    ends = spread_of_span(record.time, lag) if jitter >= MIN_JITTER else None
-    if ends is not None and ends[1] - ends[0] > WORTH_SAYING * lag * (record.sample_period or 1.0):
-        said += f" ({duration(ends[0])} to {duration(ends[1])}: the steps vary)"
+def figures(frame: Frame) -> str:
+    """The lag and what is left of the noise, as two large figures; first the filter, where it is another one."""
+    steady, chain = frame.steady, frame.state.tuning.chain
+    left, level = noise_left(steady.noise_reduction_db), decibels(-steady.noise_reduction_db)
     name = "" if chain is None else f"**{capitalised(chain.words)}**  \n"
-    return f"{name}{said} · noise **{decibels(-frame.steady.noise_reduction_db)}**"
+    lag = lag_text(steady.lag_samples, frame.state.recording.sample_period)
+    return f"{name}{FIGURE}**{lag}** lag</span> {FIGURE}**{left}** noise left ({level})</span>"

@@ -16,7 +16,7 @@ from wire import Guest
 
 from kalscope.common.text import count
 from kalscope_app.views.export import WIDE
-from kalscope_app.views.window import COMMAND, HEADER, HEADING, ONE_BUTTON, VERDICT
+from kalscope_app.views.window import COMMAND, FIGURE, HEADER, HEADING, ONE_BUTTON, ONE_CHANNEL, QUESTION, VERDICT
 
 MARKUP = [
     "<img src=x onerror=alert(1)>",
@@ -56,14 +56,16 @@ def guest(shared):
         yield guest
         assert_disarmed(guest.texts)
         html = [made["props"]["content"] for made in guest.widgets.values() if made["type"] == "GuiHtmlMessage"]
-        assert set(html) <= {WIDE, HEADER, VERDICT, ONE_BUTTON}  # constants: no text from outside is in them
+        constants = {WIDE, HEADER, VERDICT, ONE_BUTTON, ONE_CHANNEL, QUESTION}
+        assert set(html) <= constants  # no text from outside is in them
 
 
 def assert_disarmed(texts):
     """No markdown of the dashboard is an image, a link or a tag, so any such is from outside."""
     for text in texts:
         # Inside a code span nothing acts; the view puts no name with a backtick there.
-        foreign = re.sub(rf"{re.escape(COMMAND)}(`[^`\n]*` ?)+|{PIN}", "", text.replace(HEADING, ""))
+        own = rf"{re.escape(COMMAND)}(`[^`\n]*` ?)+|{PIN}|{FIGURE}[^<]*</span>"
+        foreign = re.sub(own, "", text.replace(HEADING, ""))
         assert [found.group() for found in ALIVE.finditer(foreign)] == [], text
 
 

@@ -83,7 +83,7 @@ def everything_on(guest):
 
     Buttons that start a job are left out: a thousand fits are honest work, and take their time.
     """
-    quick = {"Show the tour", "Copy", "Record", "Disconnect"}
+    quick = {"Reset", "Show the first steps", "Copy", "Record", "Disconnect"}
     widgets = [
         uuid
         for uuid, made in guest.widgets.items()

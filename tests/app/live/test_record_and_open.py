@@ -35,7 +35,7 @@ def test_after_stop_a_button_opens_the_recording_and_what_was_tuned_stays(tmp_pa
         guest.set(guest.find("record to"), "mine.csv")
         guest.set(guest.find("Record"), True)
         says("recording to **mine\\.csv**")
-        guest.set(guest.find("Add momentum"), True)
+        guest.set(guest.find("process noise q"), "7")
         guest.set(guest.find("Stop recording"), True)
         says("Recorded mine.csv: ")
         guest.set(guest.find("Open the recording"), True)

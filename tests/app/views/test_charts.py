@@ -9,7 +9,6 @@ import pytest
 
 from kalscope_app.engine.filter_runs import choose_indices
 from kalscope_app.views.charts import Scale, drawable, range_text, scale_for, time_scale_for
-from kalscope_app.views.signal import innovation_label
 
 NAN, INF = math.nan, math.inf
 
@@ -111,17 +110,3 @@ def test_the_ends_of_the_view_are_told_apart_and_no_longer_than_that(first, last
 
 
 V, MV = Scale(1.0, "V"), Scale(1e3, "mV")
-
-
-@pytest.mark.parametrize(
-    ("scale", "above", "label"),
-    [
-        (V, V, "innovation (V)"),
-        (MV, V, "mV"),
-        (Scale(1.0, "counts per second"), Scale(1.0, "counts per second"), "innovation"),
-        (Scale(1e3, "1e-3"), Scale(1.0, ""), "1e-3"),
-        (Scale(1e6, "1e-6 Volts"), Scale(1e3, "1e-3 Volts"), "1e-6 Volts"),
-    ],
-)
-def test_the_innovation_keeps_its_factor_where_that_of_the_signal_differs(scale, above, label):
-    assert innovation_label(scale, above) == label

@@ -2,29 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
-from kalscope import BadSetting, FilterParams, Recording, estimate, open_source, steady_state
-from kalscope.analysis.findings import as_sentences
-from kalscope.cli.tune_answer import answer_for
+from kalscope import BadSetting, FilterParams, Recording, estimate, steady_state
 from kalscope.cli.tune_options import TuneOptions
-from kalscope.common.progress import Progress
 from kalscope.common.text import percent
 from kalscope.estimation.request import FitResult, find_parameters
-from kalscope_app.engine.filter_runs import choose_samples
-from kalscope_app.engine.frame import compute_frame
-from kalscope_app.session.changes import apply_found, select_channel, set_smoother, set_text
+from kalscope_app.session.changes import apply_found, select_channel, set_text
 from kalscope_app.session.opening import opened
-from kalscope_app.session.session import Session, undo
 from kalscope_app.studies.checks import compute_checks
 from kalscope_app.views.checks import correlation_lines, table
 from kalscope_app.views.goal import (
-    GOALS,
-    MORE_METHODS,
-    OVERSHOOT,
     SEARCH_METHODS,
     account_text,
     answer_text,
@@ -76,51 +65,26 @@ COMMANDS = {
 }
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("way", COMMANDS)
-@pytest.mark.parametrize("source", ["demo", "sample:ultrasonic", "walk", "spikes", "gaps", "constant", "no noise"])
-def test_the_dashboard_and_the_command_line_find_the_same(way, source):
+def test_the_dashboard_and_the_command_line_ask_for_the_same(state, way):
     option, text = COMMANDS[way]
-    at = opened(same_question(source))
-    asked = TuneOptions(**{option.removeprefix("--").replace("-", "_"): float(text)}).request(at.recording)
-    answer = answer_for(at.recording, at.channel, asked, Progress(None))
-    assert search(at, way, text) == answer.result
-    assert answer.result.params is not None
-    tuned = compute_checks(apply_found(at.recording, at.channel, answer.result)(at)).judgement
-    said = answer.judgement
-    assert (tuned.word, tuned.headline, tuned.findings) == (said.word, said.headline, said.findings)
+    options = TuneOptions(**{option.removeprefix("--").replace("-", "_"): float(text)})
+    assert SEARCH_METHODS[way].request(state, [text]) == options.request(state.recording)
 
 
-def test_what_is_known_about_the_noise_holds_for_the_next_goal_as_with_both_options(state):
-    known = search(state, "data sheet σ, fit q", "0.9")
-    told = apply_found(state.recording, "a", known)(state)
-    found = search(told, "maximum lag", "50")
-    both = TuneOptions(lag_ms=50.0, sigma=0.9).request(state.recording)
-    assert found == answer_for(state.recording, "a", both, Progress(None)).result
-    assert found.params.r == pytest.approx(0.81)
+def test_what_is_known_about_the_noise_holds_for_the_next_goal(state):
+    told = apply_found(state.recording, "a", search(state, "data sheet σ, fit q", "0.9"))(state)
+    assert search(told, "maximum lag", "50").params.r == pytest.approx(0.81)
     by_hand = told.with_tuning(r=2.0)  # nobody knows where this r comes from
     assert search(by_hand, "maximum lag", "50").params.r == estimate(state.z, momentum=0.0).r
 
 
-def same_question(source):
-    if source == "demo" or source.startswith("sample:"):
-        return open_source(source)
-    rec = recording()
-    values = rec.values.copy()
-    if source == "spikes":
-        values[50::100] += 30.0
-    elif source == "gaps":
-        values[100:140] = np.nan
-    elif source == "constant":
-        values[:] = 3.0
-    elif source == "no noise":
-        values = np.cumsum(values, axis=0)
-    return replace(rec, values=values)
-
-
 @pytest.mark.parametrize(
     ("way", "text", "field", "value"),
-    [("maximum lag", "50", "lag_s", 0.05), ("noise reduction", "12", "noise_reduction_db", 12.0)],
+    [
+        ("lag with overshoot", "50", "lag_s", 0.05),
+        ("noise reduction with overshoot", "12", "noise_reduction_db", 12.0),
+    ],
 )
 def test_an_overshoot_that_is_allowed_finds_the_momentum_and_none_keeps_the_present_one(
     state, way, text, field, value
@@ -169,17 +133,6 @@ def test_the_lag_is_asked_for_in_a_unit_that_suits_the_record():
         assert target == (("lag_samples", 10.0) if period is None else ("lag_s", max(0.05, 5.0 * period)))
 
 
-def test_an_overshoot_is_asked_for_only_where_it_can_mean_something(state):
-    assert state.view.search_method == GOALS[0] == "maximum lag"
-    moving = state.with_tuning(momentum=10.0)
-    for goal in ("maximum lag", "noise reduction"):
-        assert [len(method_of(one.with_view(search_method=goal)).boxes) for one in (state, moving)] == [1, 2]
-    assert MORE_METHODS[:1] == ("a still stretch, fit q",)
-    told = state.with_view(search_method="lag with overshoot")
-    assert [label for label, _ in method_of(told).boxes] == ["lag (ms)", OVERSHOOT]
-    assert method_of(told).request(told, ["50", "8"]).overshoot == 0.08
-
-
 def test_the_answer_says_what_momentum_costs(state):
     found = FitResult(FilterParams(1.0, 2.0, momentum=24.0), "maximum likelihood", "Found.")
     text = answer_text(apply_found(state.recording, "a", found)(state))
@@ -188,27 +141,20 @@ def test_the_answer_says_what_momentum_costs(state):
     assert f"A step overshoots by {overshoot}." in text
 
 
-@pytest.mark.parametrize("way", [way for way in SEARCH_METHODS if not SEARCH_METHODS[way].boxes])
+WITHOUT_BOX = [way for way, method in SEARCH_METHODS.items() if not method.boxes]
+WITHOUT_BOX.remove("a still stretch, fit q")  # it needs a part on screen
+
+
+@pytest.mark.parametrize("way", WITHOUT_BOX)
 def test_every_way_without_a_box_answers(state, way):
     found = search(state, way)
     assert found.params is not None
     assert found.message
 
 
-def test_the_likelihood_finds_what_made_the_signal(state):
-    found = search(state, "best fit")
-    assert found.params.r == pytest.approx(1.0, rel=0.1)
-    assert found.params.q == pytest.approx(0.05, rel=0.4)
-
-
-@pytest.mark.parametrize(
-    ("texts", "samples"), [(("1", "3"), 201), (("3", "1"), 201), (("", ""), 501), (("", "12"), 201)]
-)
-def test_a_still_stretch_is_typed_or_the_part_on_screen(texts, samples):
-    resting = recording(q=0.0)
-    state = opened(resting).with_view(window=(10.0, 15.0))
-    found = search(state, "a still stretch, fit q", *texts)
-    assert f"over {samples} readings" in found.message
+def test_a_still_stretch_is_the_part_on_screen():
+    state = opened(recording(q=0.0)).with_view(window=(10.0, 15.0))
+    assert "over 501 readings" in search(state, "a still stretch, fit q").message
 
 
 @pytest.mark.parametrize(
@@ -220,33 +166,12 @@ def test_a_still_stretch_is_typed_or_the_part_on_screen(texts, samples):
         ("cut-off frequency", ["51"]),
         ("data sheet σ, fit q", [""]),
         ("data sheet density, fit q", ["0.1", "x"]),
-        ("a still stretch, fit q", ["99", "100"]),
-        ("a still stretch, fit q", ["1", "1.02"]),
+        ("a still stretch, fit q", []),
     ],
 )
 def test_what_cannot_be_meant_is_refused(state, way, texts):
     with pytest.raises(BadSetting):
         search(state, way, *texts)
-
-
-def test_applying_is_one_step_that_undo_takes_back(state):
-    session = Session(state)
-    found = search(state, "best fit")
-    session.request(apply_found(state.recording, "a", found))
-    applied = session.apply_requests()[0]
-    assert applied.params == found.params
-    assert applied.tuning.how == "maximum likelihood"
-    assert (applied.answers.outcome.before, applied.answers.outcome.after) == (state.tuning, applied.tuning)
-    session.request(undo)
-    assert session.apply_requests()[0].tuning == state.tuning
-
-
-def test_an_answer_without_parameters_changes_nothing_and_is_said(state):
-    found = FitResult(None, "maximum likelihood", "Your sensor shows no noise.")
-    after = apply_found(state.recording, "a", found)(state)
-    assert after.settings.tunings == state.settings.tunings
-    assert "Nothing was changed" in answer_text(after)
-    assert "no noise" in answer_text(after)
 
 
 def test_a_late_answer_goes_to_its_own_channel_or_nowhere(state):
@@ -259,40 +184,15 @@ def test_a_late_answer_goes_to_its_own_channel_or_nowhere(state):
     assert "another recording" in late.answers.note
 
 
-def test_before_and_after_stand_in_the_answer(state):
-    applied = apply_found(state.recording, "a", search(state, "maximum lag", "50"))(state)
-    assert "Lag **50 ms**" in plain(answer_text(applied))
-    assert "Before: 95.1 ms" in plain(answer_text(applied))
-    assert answer_text(state) == ""
-
-
 def test_the_account_of_an_estimate_stands_apart_from_its_short_answer(state):
     fitted = search(state, "best fit")
     applied = apply_found(state.recording, "a", fitted)(state)
     assert account_text(applied) == fitted.message
     assert fitted.message not in answer_text(applied)
-    assert answer_text(applied).endswith("More in “Resulting filter”.")
+    assert answer_text(applied).endswith("More in “More settings and numbers”.")
     chosen = apply_found(state.recording, "a", search(state, "maximum lag", "50"))(state)
     assert account_text(chosen) == account_text(state) == ""
-    assert "Resulting filter" not in answer_text(chosen)
-
-
-def test_the_smoother_is_drawn_only_when_asked(state):
-    shown = choose_samples(state.recording, "a", None)
-    assert compute_frame(state, 0, shown).smoothed is None
-    smoothed = compute_frame(set_smoother(True)(state), 0, shown).smoothed
-    assert np.std(np.diff(smoothed)) < np.std(np.diff(compute_frame(state, 0, shown).filtered))
-
-
-def test_the_gate_is_typed_and_its_refusals_are_counted(state):
-    values = state.recording.values.copy()
-    values[500, 0] += 1000.0
-    spiked = opened(replace(state.recording, values=values))
-    gated = set_text("gate", "5")(spiked)
-    assert compute_frame(gated, 0, choose_samples(gated.recording, "a", None)).rejected >= 1
-    assert set_text("gate", "off")(gated).tuning.gate is None
-    with pytest.raises(BadSetting, match="gate must be"):
-        set_text("gate", "0")(spiked)
+    assert "More settings" not in answer_text(chosen)
 
 
 def test_checks_say_too_slow_and_how_much(state):
@@ -303,9 +203,3 @@ def test_checks_say_too_slow_and_how_much(state):
     lags, (low, high, correlation), _ = correlation_lines(checks)
     assert lags[0] == 1
     assert correlation[0] > high[0] > 0 > low[0]
-
-
-def test_sentences_begin_with_a_capital_and_end_with_a_stop():
-    assert as_sentences("too slow: raise q about 3 ×. spikes: 2") == "Too slow: raise q about 3 ×. Spikes: 2."
-    assert as_sentences("no misfit worth correcting") == "No misfit worth correcting."
-    assert as_sentences("q = 0: choose one") == "q = 0: choose one."

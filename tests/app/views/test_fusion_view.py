@@ -21,10 +21,8 @@ from kalscope_app.session.share import share_line
 from kalscope_app.studies.checks import FusionJudge
 from kalscope_app.studies.comparisons import Overviews, VariantTable
 from kalscope_app.studies.tuning_map import MapMaker
-from kalscope_app.views import charts
 from kalscope_app.views.chart_tabs import lead_of
-from kalscope_app.views.export import Choice, csv, files_of, html_report, limits_text
-from kalscope_app.views.phone import draw_picture
+from kalscope_app.views.export import Choice, csv, files_of, limits_text
 from kalscope_app.views.variants import FOR_ONE_CHANNEL, table_text
 
 SENSORS = ("bench", "roof", "door")
@@ -77,9 +75,9 @@ def test_a_row_follows_its_sensor_and_one_that_drops_out_keeps_its_tick_box_alon
     bench, _, door = view._rows[:3]
     share = f"bench: share {100 * state.fusion.shares['bench']:.0f} %"
     assert bench._tick.label == share
-    assert door._slider.visible
+    assert door._r.slider.visible
     view.show(frame_of(set_taking_part("door", False)(state)))
-    assert (door.ticked, door._tick.visible, door._slider.visible) == (False, True, False)
+    assert (door.ticked, door._tick.visible, door._r.slider.visible) == (False, True, False)
     assert bench._tick.label != share
     assert door._tick.label == "door"
 
@@ -133,17 +131,6 @@ def test_code_and_csv_are_those_of_the_fused_sensors(state):
     assert "humidity" not in csv(without).decode()
 
 
-def test_code_of_one_channel_is_that_of_its_own_filter(state):
-    alone = select_channel("bench")(state)
-    assert "Fusion" not in "".join(files_of(alone, Choice("arduino")))
-    assert csv(alone).decode().startswith("time,bench,bench_filtered")
-
-
-@pytest.mark.slow
-def test_the_report_is_on_the_fused_sensors(state):
-    assert b"bench + roof + door" in html_report(state)
-
-
 def test_what_belongs_to_one_channel_is_refused_in_words(state):
     with pytest.raises(BadSetting, match="one channel"):
         pin_present(state)
@@ -151,12 +138,6 @@ def test_what_belongs_to_one_channel_is_refused_in_words(state):
         send_setting(state, None)
     assert "one channel" in MapMaker()(state).note
     assert any("tuning file" in remark for remark in share_line(state).remarks)
-
-
-@pytest.mark.slow
-def test_a_phone_draws_every_sensor(state):
-    colours = {bytes(pixel).hex() for pixel in draw_picture(frame_of(state), 0.5).reshape(-1, 3)[::7]}
-    assert {colour[1:] for colour in charts.SENSORS[False][:3]} <= colours
 
 
 def test_the_tabs_about_one_channel_do_not_speak_of_a_current_one(state):

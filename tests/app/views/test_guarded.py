@@ -15,7 +15,7 @@ from kalscope_app.session.opening import opened
 from kalscope_app.views.window import is_empty, property_of, widgets_in
 
 DRAWS = ("show", "show_below", "follow", "show_table", "show_check", "show_checks", "show_judged", "show_notes")
-DRAWS += ("show_overview", "offer_still")
+DRAWS += ("show_overview",)
 """The methods of views that draw."""
 
 STUDIED = ("_checks", "_spectrum", "_allan", "_alternatives")
@@ -86,7 +86,7 @@ def test_a_frame_that_cannot_be_computed_leaves_nothing_of_the_one_before(screen
     with monkeypatch.context() as patch:
         patch.setattr(engine_module, "compute_frame", broken)
         seen = screen.look_at(screen.second.with_view(resets=5), screen.second)
-        assert {seen[name] for name in ("_header", "signal", "_numbers", "_source", "_map")} == {b""}
+        assert {seen[name] for name in ("_header", "signal", "_more", "_source", "_map")} == {b""}
         assert {name: seen[name] for name in STUDIED} == {name: screen.at_second[name] for name in STUDIED}
         assert screen.errors() == [BROKEN]
     assert screen.look_at(screen.first) == screen.at_first

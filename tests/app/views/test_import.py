@@ -1,93 +1,97 @@
-"""How a file was read, and the form that decides otherwise."""
+"""How a file was read, the options that read it otherwise, and the question that one of them answers."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from kalscope.recording import LineIssue, ReadReport, Recording
-from kalscope.sources.grammar.read_options import ReadOptions, options_from_text
+from kalscope.errors import BadSetting
+from kalscope.recording import Assumption, LineIssue, ReadReport, Recording
+from kalscope.sources.grammar.read_options import options_from_text
 from kalscope_app.engine.filter_runs import choose_samples
 from kalscope_app.engine.frame import compute_frame
-from kalscope_app.guard.server import guarded_server
 from kalscope_app.session.opening import opened
 from kalscope_app.views.signal import heading_of
-from kalscope_app.views.source import ReadingForm, import_summary, in_words_of_form
-
-EXAMPLES = [
-    {},
-    {"delimiter": "tab", "decimal": "comma", "time_column": "3", "time_unit": "millis", "missing": ["-200", "n/x"]},
-    {"time_column": "none", "header_row": "0", "unit_row": "2", "rate": "250", "gaps": "dt", "part": "/imu"},
-    {"time_format": "%d.%m.%Y %H:%M", "day_first": False},
-    {"missing": ["no data", "-200", "it's", "\\N", "#N/A"]},
-]
+from kalscope_app.views.source import import_summary, options_of, question_about, words_of
 
 
-@pytest.fixture(scope="module")
-def form():
-    seen = []
-    with guarded_server(port=0) as guarded:
-        made = ReadingForm(guarded.server.gui, seen.append)
-        made.seen = seen
-        yield made
-
-
-@pytest.mark.parametrize("given", EXAMPLES)
-def test_the_form_shows_what_was_decided_and_reads_it_the_same(form, given):
+@pytest.mark.parametrize(
+    "given",
+    [
+        {},
+        {"delimiter": "tab", "decimal": "comma", "time_column": "3", "time_unit": "millis", "rate": "250"},
+        {"time_column": "none", "header_row": "0", "unit_row": "2", "gaps": "dt", "part": "/imu"},
+        {"time_format": "%d.%m.%Y %H:%M", "day_first": False},
+        {"missing": ["no data", "-200", "it's", "\\N", "#N/A"]},
+    ],
+)
+def test_the_box_shows_what_was_decided_and_reads_it_the_same(given):
     options = options_from_text(**given)
-    form.show(options)
-    form._submit()
-    assert form.seen[-1] == options
+    assert options_of(words_of(options)) == options
 
 
-def test_the_form_has_every_option(form):
-    assert set(form._boxes) == set(ReadOptions.__dataclass_fields__) - {"header"}
-
-
-def test_what_is_typed_stays_until_another_file_is_open(form):
-    options = options_from_text(rate="9")
-    form.show(options)
-    form._boxes["rate"].value = "10"
-    form.show(options)
-    form._submit()
-    assert form.seen[-1].rate == 10.0
-    form.show(ReadOptions())
-    form._submit()
-    assert form.seen[-1] == ReadOptions()
+@pytest.mark.parametrize(
+    ("text", "refusal"),
+    [
+        ("--speed 3", "import options must be some of --delimiter"),
+        ("400", "must be some of"),
+        ("--rate", "--rate must have a value"),
+        ("--rate fast", "rate"),
+        ('--missing "no', "quotes must come in pairs"),
+    ],
+)
+def test_what_is_no_option_is_refused(text, refusal):
+    with pytest.raises(BadSetting, match=refusal):
+        options_of(text)
 
 
 ISSUES = (LineIssue(5, "must have 3 fields (got 1)", "<b>x</b>"), LineIssue(7, "must be a number", "`e`", "a|b"))
 
 
-def recording(report):
+def recording(report, period=1.0):
     values = np.column_stack([np.arange(50.0), np.sin(np.arange(50.0)), np.ones(50)])
     names = ("seq", "a|b", "stuck")
-    return Recording(np.arange(50.0), names, ("", "", ""), values, 1.0, report, sha256="0")
+    return Recording(np.arange(50.0), names, ("", "", ""), values, period, report, sha256="0")
 
 
-def plain(text):
-    return text.replace("\\", "")
-
-
-def test_the_summary_comes_first_then_the_warning_then_the_rest():
+def test_the_summary_comes_first_then_the_account_and_nothing_of_it_is_markup():
     report = ReadReport(lines=56, rows=50, rejected=5, bad_cells=1, headers=1, issues=ISSUES, notes=("a *note*",))
-    head, warning, rest = import_summary(recording(report)).split("\n\n")
-    assert plain(head).startswith("50 rows, 3 channels, 1.00 Hz; 5 lines rejected: must have 3 fields; 1 cell")
-    assert warning.startswith("**9")
-    assert "of the lines were rejected, the first is line 5" in warning
-    assert "- not shown first: seq (a counter), stuck (constant)" in plain(rest)
-    assert "- a \\*note\\*" in rest
-
-
-def test_nothing_of_a_file_is_markup():
-    text = import_summary(recording(ReadReport(lines=51, rows=50, rejected=1, bad_cells=1, issues=ISSUES)))
+    text = import_summary(recording(report))
     assert "<b>" not in text
-    assert "`e`" not in text
+    assert "`e`" not in text.replace("\\`", "")
+    head, rest = text.replace("\\", "").split("\n\n")
+    assert head.startswith("50 rows, 3 channels, 1.00 Hz; 5 lines rejected: must have 3 fields; 1 cell")
+    for line in ("not shown first: seq (a counter), stuck (constant)", "56 lines = 50 with data + 5", "a *note*"):
+        assert f"- {line}" in rest
+    assert "of the lines were rejected, the first is line 5" in rest
+    assert "not shown first" not in import_summary(replace(recording(report), sha256=""))  # of a board, it grows
 
 
-def test_a_growing_recording_is_not_judged_at_every_frame():
-    live = replace(recording(ReadReport(lines=50, rows=50)), sha256="")
-    assert "not shown first" not in import_summary(live)
+CODE = 'is 400 a missing value? It occurs 26 times in "d", far from the rest; if so, read with --missing 400'
+GAPS = "time has a gap after sample 9; read it with --gaps missing (adds 1 row) or --gaps dt (elapsed time)"
+UNIT = "the time is read as ms (assumed from their size: 0.5 Hz; 500 Hz with --time-unit us)"
+
+
+@pytest.mark.parametrize(
+    ("notes", "button", "options"),
+    [
+        ((GAPS, Assumption(CODE)), "Read 400 as missing", "--missing 400"),
+        ((GAPS,), "Read gaps as missing samples", "--gaps missing"),
+        ((Assumption(UNIT),), "Read the time in us", "--time-unit us"),
+        ((Assumption("they could also be month first: --month-first"),), "Read the month first", "--month-first"),
+        (('the time could be "t": --time-column "t"',), None, None),  # a note that is no assumption
+        ((), None, None),
+    ],
+)
+def test_a_question_has_one_button_that_reads_the_file_otherwise(notes, button, options):
+    report = ReadReport(notes=notes, assumptions=tuple(note for note in notes if isinstance(note, Assumption)))
+    question = question_about(recording(report))
+    assert (question and question.button, question and question.options) == (button, options)
+    if question is not None:
+        assert question.sentence.endswith(".")
+        options_of(options)
+    unknown = question_about(recording(report, period=None))
+    assert unknown == question or unknown.button == "Give the sample period"
 
 
 def test_the_heading_points_to_the_summary_where_part_of_a_file_was_lost():
@@ -98,30 +102,3 @@ def test_the_heading_points_to_the_summary_where_part_of_a_file_was_lost():
     assert "could not be read" not in heading(ReadReport(lines=51, rows=50, rejected=1))
     told = "**part of the file could not be read: see Source**"
     assert told in heading(ReadReport(lines=55, rows=50, rejected=5))
-
-
-@pytest.mark.parametrize(
-    ("console", "form"),
-    [
-        (
-            "stamps are read as ms (assumed: --time-unit changes it)",
-            "stamps are read as ms (assumed: “time unit” changes it)",
-        ),
-        ("sample period unknown (see --rate)", "sample period unknown (see “rate (Hz)”)"),
-        (
-            "it could also be: --delimiter semicolon --decimal comma",
-            "it could also be: “delimiter”: semicolon “decimal mark”: comma",
-        ),
-        (
-            "read it with --gaps missing (adds 3 rows) or --gaps dt",
-            "read it with “gaps in time”: as missing samples (adds 3 rows) or “gaps in time”: as elapsed time",
-        ),
-        ("they could be month first: --month-first", "they could be month first: “date order”: month first"),
-        ('the time could be "my t": --time-column "my t"', 'the time could be "my t": “time column”: "my t"'),
-        ("if so, read with --missing -200", "if so, read with “missing values”: -200"),
-        ("--part NAME chooses another: b (3 × 2)", "“part” chooses another: b (3 × 2)"),
-        ("nothing -- of --this - is an option", "nothing -- of --this - is an option"),
-    ],
-)
-def test_the_summary_names_the_boxes_of_the_form_where_the_console_names_options(console, form):
-    assert in_words_of_form(console) == form

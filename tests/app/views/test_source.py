@@ -1,20 +1,18 @@
-"""The Source tab without a browser: which port it shows, what it calls a re-creation, the page of the papers."""
+"""The Source tab without a browser: which port it shows, what it calls a re-creation."""
 
 from __future__ import annotations
 
 import threading
-from types import SimpleNamespace
 
 import pytest
 from each import each
 from waiting import PATIENCE
 
-from kalscope.errors import Cancelled
-from kalscope.papers.reproduction import list_experiments, reproduce
+from kalscope.papers.reproduction import list_experiments
 from kalscope.sources.samples import list_samples
 from kalscope_app.engine.jobs import Jobs
 from kalscope_app.views.live import TYPED, has_baud, port_to_show
-from kalscope_app.views.source import experiment_label, sample_label, table_1
+from kalscope_app.views.source import experiment_label, sample_label
 
 
 @pytest.mark.parametrize(
@@ -55,18 +53,6 @@ def test_the_menus_say_what_was_not_measured():
     assert [name for name, label in labels.items() if not label.endswith(")")] == ["nile"]
     figures = [experiment_label(one) for one in list_experiments()]
     assert len(set(figures)) == len(figures)
-
-
-def test_the_papers_page_begins_with_table_1():
-    row = {"r": 1.0, "q": 0.1, "printed": 26.0677, "simulated": 26.4718, "theoretical": 26.3975}
-    page = SimpleNamespace(results={"noise_reducer": {"table_1": [row]}}, checks=[1] * 42, failed=[1])
-    assert "| 1 | 0.1 | 26.0677 | 26.4718 | 26.3975 |" in table_1(page)
-    assert "41 of 42 reproduced numbers" in table_1(page)
-
-
-def test_the_papers_page_can_be_cancelled():
-    with pytest.raises(Cancelled):
-        reproduce(cancelled=lambda: True)
 
 
 def test_idle_work_is_repeated_between_jobs_and_ends_with_its_failure():

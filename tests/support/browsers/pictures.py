@@ -28,6 +28,7 @@ from shared_page import SharedPage, shared_page
 
 from kalscope.estimation.request import Request
 from kalscope.fleet.read import FleetOptions
+from kalscope_app.views.goal import MORE_FOLDER
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser
@@ -111,6 +112,7 @@ def overshoot(screen: Screen) -> None:
 
 def fused(screen: Screen) -> None:
     """Sonar and float are fused."""
+    screen.page.get_by_text(MORE_FOLDER, exact=True).click()
     screen.page.get_by_text("Fuse sensors", exact=True).click()
     for name in ("sonar", "float"):
         screen.pause()

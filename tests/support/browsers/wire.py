@@ -121,6 +121,8 @@ class Guest:
         elif message["type"] == "GuiUpdateMessage":
             if "value" in message["updates"]:
                 self.values[uuid] = message["updates"]["value"]
+            if "props" in self.widgets.get(uuid, {}):  # of a job that has ended since, too
+                self.widgets[uuid]["props"].update(message["updates"])
             if "visible" in message["updates"]:
                 self.visible[uuid] = message["updates"]["visible"]
             if "options" in message["updates"]:

@@ -1,13 +1,12 @@
-// Makes what viser leaves to the mouse work by keys and for screen readers: the headings of folders are buttons, and
-// every control has the name of its row and its hint, which viser shows under the mouse; see window.py.
+// Makes what viser leaves to the mouse work by keys and for screen readers: the headings of folders are buttons,
+// every control has the name of its row and its hint, which viser shows under the mouse, and a new verdict is read
+// out; see window.py.
 
 const HEADING = '.mantine-Paper-root[data-with-border] > .mantine-Paper-root[style*="pointer"]:has(> svg)';
 
 const FOCUSABLE = ":is(button, input, textarea, [tabindex]):not([tabindex='-1'])";
 
 const UNNAMED = {
-  "button:has(> span > .tabler-icon-list-search)": "Commands",
-  "button:has(> span > .tabler-icon-adjustments)": "Settings of the viewer",
   ".mantine-Notification-closeButton": "Dismiss",
   ".mantine-Spotlight-content": "Commands",
 }; // parts without a text
@@ -44,6 +43,10 @@ const nameTheRest = () => {
     plot.role = "img";
     describe(plot, `Chart of ${[...chart.querySelectorAll(".u-legend .u-label")].map((one) => one.textContent).join(", ")}`);
   }
+  for (const thumb of document.querySelectorAll(".multi-slider-thumb")) {
+    Object.assign(thumb, { tabIndex: 0, role: "slider", ariaValueNow: parseFloat(thumb.style.left) });
+    describe(thumb, thumb.previousElementSibling?.matches(".multi-slider-thumb") ? "end of the view" : "begin of the view");
+  }
   for (const view of document.querySelectorAll(".mantine-ScrollArea-viewport"))
     if (!view.querySelector(FOCUSABLE)) view.tabIndex = 0; // else no key scrolls it
   for (const cell of document.querySelectorAll("th:empty:not([role])")) cell.role = "cell"; // heads no column
@@ -52,8 +55,23 @@ const nameTheRest = () => {
     if (title.textContent === "Kalscope") Object.assign(title, { role: "heading", ariaLevel: "1" });
 };
 
+// One stop of the Tab key for each strip of tabs; the arrow keys go along it.
+const joinTabs = () => {
+  for (const tab of document.querySelectorAll("[role=tab]")) tab.tabIndex = tab.ariaSelected === "true" ? 0 : -1;
+};
+
+const verdict = Object.assign(document.createElement("div"), { role: "status", className: "kalscope-status" });
+
+const announce = () => {
+  const word = document.querySelector("div:has(> .kalscope-verdict) + div button")?.textContent ?? "…";
+  if (!verdict.isConnected) document.getElementById("root").before(verdict);
+  if (word !== "…" && verdict.textContent !== word) verdict.textContent = word;
+};
+
 const label = () => {
   nameHeadings();
+  joinTabs();
+  announce();
   nameControls();
   nameTheRest();
 };
@@ -84,8 +102,28 @@ addEventListener("DOMContentLoaded", () =>
 
 addEventListener("DOMContentLoaded", () => (document.getElementById("root").role = "main"));
 
+// The range control of viser listens to the mouse alone: an arrow key moves a thumb by a hundredth of the track.
+const moveThumb = (event) => {
+  const thumb = event.target;
+  const turn = { ArrowLeft: -1, ArrowRight: 1 }[event.key];
+  if (!turn || !thumb.matches?.(".multi-slider-thumb")) return;
+  const { left, width } = thumb.getBoundingClientRect();
+  const clientX = left + width / 2 + (turn * thumb.parentElement.clientWidth) / 100;
+  thumb.dispatchEvent(new MouseEvent("mousedown", { bubbles: true }));
+  setTimeout(() => {
+    for (const type of ["mousemove", "mouseup"]) document.dispatchEvent(new MouseEvent(type, { clientX }));
+  }, 20); // once React has seen the press
+};
+
+addEventListener("keydown", moveThumb, true); // before the listener above ends the event
+
 let waiting = 0;
 const onChange = () => (waiting ||= setTimeout(() => ((waiting = 0), label()), 200));
 addEventListener("DOMContentLoaded", () =>
-  new MutationObserver(onChange).observe(document.body, { childList: true, subtree: true }),
+  new MutationObserver(onChange).observe(document.body, {
+    attributeFilter: ["aria-selected"],
+    characterData: true,
+    childList: true,
+    subtree: true,
+  }),
 );

@@ -22,7 +22,7 @@ const chartHeight = ({ height, share }) =>
   Math.max(80, Math.round(height + share * (Math.max(innerHeight, sizes.minHeight) - sizes.height)));
 
 const written = (_chart, value) => {
-  if (!Number.isFinite(value)) return "–";
+  if (!Number.isFinite(value)) return "";
   const size = Math.abs(value);
   const short = size !== 0 && (size < 1e-3 || size >= 1e7) ? value.toExponential(3) : String(+value.toPrecision(6));
   return short.replace("e+", "e").replace("-", "−");
@@ -108,13 +108,23 @@ window.Worker = class extends Worker {
   }
 };
 
-const leadToExport = ({ target }) => {
-  if (target.closest("button")?.textContent !== sizes.exportButton) return;
-  const tab = [...document.querySelectorAll("[role=tab]")].find((tab) => tab.textContent === sizes.exportTab);
+const leadToTab = ({ target }) => {
+  const name = sizes.leads[target.closest("button")?.textContent];
+  const tab = name && [...document.querySelectorAll("[role=tab]")].find((tab) => tab.textContent === name);
   tab?.dispatchEvent(new KeyboardEvent("keydown", { key: "Enter", bubbles: true })); // tabs do not listen for clicks
 };
 
+// Copies the text box above a button: the clipboard's own interface is for pages of https alone.
+const copyText = ({ target }) => {
+  if (target.closest("button")?.textContent !== sizes.copyButton) return;
+  const above = (text) => text.compareDocumentPosition(target) & Node.DOCUMENT_POSITION_FOLLOWING;
+  const texts = [...document.querySelectorAll("textarea:not([aria-hidden])")];
+  texts.findLast((text) => text.checkVisibility() && above(text))?.select();
+  document.execCommand("copy");
+};
+
 addEventListener("resize", fitAgain);
-addEventListener("click", leadToExport);
+addEventListener("click", leadToTab);
+addEventListener("click", copyText);
 addEventListener("dblclick", ({ target }) => windows.has(target) && askForWindow([-1, 2]), true);
 phone.addEventListener("change", () => phoneCheckboxes.forEach(tellPhone));

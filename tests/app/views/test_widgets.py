@@ -1,0 +1,47 @@
+"""What widgets are given: only what differs, numbers that read back, places on a slider, names without markup."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from kalscope_app.views.widgets import escape_markdown, on_decades, put, typed
+
+
+class Handle:
+    def __init__(self):
+        object.__setattr__(self, "written", [])
+        object.__setattr__(self, "label", "a")
+
+    def __setattr__(self, name, value):
+        self.written.append(name)
+        object.__setattr__(self, name, value)
+
+
+def test_only_what_differs_is_written():
+    handle = Handle()
+    put(handle, label="a")
+    put(handle, label="b")
+    assert (handle.written, handle.label) == (["label"], "b")
+
+
+@given(st.floats(1e-300, 1e300))
+def test_what_a_box_shows_reads_back_to_seven_digits(value):
+    assert float(typed(value)) == pytest.approx(value, rel=1e-6)
+    assert "e-0" not in typed(value)
+
+
+@pytest.mark.parametrize(("value", "place"), [(None, 7.0), (100.0, 2.0), (0.0, -6.0), (1e-9, -6.0), (1e9, 6.0)])
+def test_a_slider_ends_at_automatic_on_its_right(value, place):
+    assert on_decades(value, -6, 6, "automatic") == (place, ((-6.0, ""), (7.0, "automatic")))
+    assert on_decades(1.0, -6, 6) == (0.0, ((-6.0, "1e-6"), (6.0, "1e6")))
+
+
+@given(st.text(max_size=200))
+def test_a_name_from_outside_carries_no_live_markup(name):
+    shown = escape_markdown(name)
+    assert "\n" not in shown
+    assert len(shown) <= 122
+    assert all(shown[i - 1] == "\\" for i, mark in enumerate(shown) if mark in "<>&`[]!*_|#")
+    assert escape_markdown("rows 2\u202f289\n to\t3") == "rows 2\u202f289 to 3"  # no break within a number
