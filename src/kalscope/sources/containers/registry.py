@@ -76,6 +76,8 @@ def _is_json_document(head: bytes, name: str) -> bool:
     if head.lstrip(_BEFORE_JSON)[:1] not in (b"{", b"["):
         return False
     text = head.decode(json.detect_encoding(head), "replace").lstrip("\ufeff \t\r\n")
+    if text[:1] == "{" and text[1:].lstrip()[:1] not in ('"', "}", ""):
+        return False  # a list of Mathematica
     if text[:1] == "[":
         inside = text[1:].lstrip()[:1]
         return inside == "{" or (inside == "[" and name.endswith(".json"))

@@ -34,6 +34,8 @@ _COSTS = {b",": 60, b":": 60, b"[": 64, b"{": 200}
 _TEXTS = 3
 """Copies of its characters in memory: the bytes of the file, its text, and the values."""
 _MAX_DEPTH = 4
+_SEVERAL = re.compile(r"^\}\s{0,99}^\{", re.MULTILINE)
+"""Between two objects, each on several lines, that follow each other in one file."""
 _KIND = "a JSON document"
 Rows = list[dict[str, Any]]
 
@@ -52,13 +54,17 @@ def read_json_document(path: Path, name: str, part: str | None, progress: Progre
     progress(0.0, "reading")
     data = path.read_bytes()
     _require_room(data, name)
-    document = load_json(data.decode(json.detect_encoding(data), "replace"))
+    text = data.decode(json.detect_encoding(data), "replace")
+    if _SEVERAL.search(text) and text.lstrip("\ufeff \t\r\n").startswith("{"):
+        text = f"[{_SEVERAL.sub('},{', text)}]"
+    document = load_json(text)
     progress(0.5, "reading")
     found = dict(_tables("", document, 0))
     parts = [Part(key, len(rows), len(rows[0])) for key, rows in found.items()]
     chosen, notes, inner = choose_text_part(parts, part, name, "list")
     rows = list(found.values())[chosen]
-    return Text(map(_line, rows), (f"{_KIND}; line numbers count its objects", *notes), part=inner)
+    delimiter = "," if isinstance(rows[0], list) else None
+    return Text(map(_line, rows), (f"{_KIND}; line numbers count its objects", *notes), delimiter, inner)
 
 
 def _require_room(data: bytes, name: str) -> None:
@@ -67,8 +73,10 @@ def _require_room(data: bytes, name: str) -> None:
     require_memory(need, name, "values of a JSON document", "write one object per line")
 
 
-def _line(row: dict[str, Any]) -> str:
-    return json.dumps(row, ensure_ascii=False)
+def _line(row: Any) -> str:
+    return (
+        ",".join(map(str, cast("list[Any]", row))) if isinstance(row, list) else json.dumps(row, ensure_ascii=False)
+    )
 
 
 def _tables(key: str, value: Any, depth: int) -> Iterator[tuple[str, Rows]]:
@@ -89,8 +97,10 @@ def _tables(key: str, value: Any, depth: int) -> Iterator[tuple[str, Rows]]:
 
 
 def _objects(value: list[Any]) -> Rows:
-    """The objects of a list, and of the lists in it."""
+    """The objects of a list, and of the lists in it; lists of plain values are rows themselves."""
     if value and all(isinstance(item, list) for item in value):
+        if all(isinstance(cell, str) for item in value for cell in item):
+            return value
         value = [inner for item in cast("list[list[Any]]", value) for inner in item]
     if not value or not all(isinstance(item, dict) for item in value):
         return []

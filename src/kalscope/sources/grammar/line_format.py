@@ -94,6 +94,8 @@ _LINE_PROTOCOL = re.compile(
 """`weather,loc=us temp=21.5,hum=40i 1709630000000000000`: InfluxDB."""
 _TOPIC = re.compile(r"([A-Za-z$][^\s,;:=\"{]{0,200}) (\S{1,40})")
 """`home/barn/temperature 21.5`: what mosquitto_sub -v writes."""
+_CELL = re.compile(r'[,;](?! )|"')
+"""What shows that the text before an object is a cell of a table, not what a logger writes."""
 _MAX_PREFIX = 240
 """Characters before the object of `tele/barn/SENSOR = {"Temperature": 21.5}`."""
 
@@ -183,10 +185,10 @@ def _logged(text: str) -> Pairs | None:
         fields = (part.partition("=") for part in match[1].split(","))
         return [("time", match[2]), *((name, value.removesuffix("i")) for name, _, value in fields)]
     start = text.find("{", 0, _MAX_PREFIX)
-    if start > 0 and text.endswith("}"):
+    if start > 0 and text.endswith(("}", "}'")):
         before = text[:start]
-        found = find_object(text[start:]) if not any(mark in before for mark in ',;"') else None
-        words = before.rstrip(" =:\t").split()
+        found = None if _CELL.search(before) else find_object(text[start:].removesuffix("'"))
+        words = before.rstrip(" =:\t'").split()
         topic = words[-1] + "." if words and "/" in words[-1] else ""
         return found and [(topic + name, value) for name, value in found]
     match = _TOPIC.fullmatch(text) if "/" in text else None
@@ -215,16 +217,20 @@ _ESCAPES = re.compile(r"\x1b\[[0-?]{0,24}[ -/]{0,4}[@-~]")
 _MAX_SAMPLES = 1024
 """Samples that one line of Teleplot may hold."""
 _STAMP_REACH = 24  # the first colon of a clock after a date
-_STAMP = r"((?:[0-9]{1,4}[-/.][0-9]{1,2}[-/.][0-9]{1,4}[T ])?[0-9]{1,2}:[0-9]{2}:[0-9]{2}(?:[.,][0-9]{1,9})?)"
+_STAMP = (
+    r"((?:[0-9]{1,4}[-/.][0-9]{1,2}[-/.][0-9]{1,4}[T ])?"
+    r"[0-9]{1,2}:[0-9]{2}:[0-9]{2}(?:[.,][0-9]{1,9}(?:,[0-9]{3})?)?)"
+)
 # The Arduino IDE writes "->", PlatformIO's monitor ">", screen and grabserial " - ", others brackets or ": ".
 _AFTER_STAMP = r"(?:[ \t]{0,4}-?>|:(?=[ \t])|[ \t]-(?=[ \t]|$))"
 _AFTER_BRACKET = r"[ \t]?(?:->|[>:]|-(?=[ \t]))?"
 _LINE_STAMP = re.compile(
-    rf"[ \t]{{0,8}}(?:{_STAMP}{_AFTER_STAMP}|\[{_STAMP}\]{_AFTER_BRACKET})[ \t]?(.*)", re.DOTALL
+    rf"(?:[0-9]{{2}}> |[ \t]{{0,8}})(?:{_STAMP}{_AFTER_STAMP}|\[{_STAMP}\]{_AFTER_BRACKET})[ \t]?(.*)", re.DOTALL
 )
 _ZONE = r"(?:Z|[+-][0-9]{2}:?[0-9]{2})?"
 _BARE_STAMP = re.compile(
-    rf"[ \t]{{0,8}}({_STAMP[1:-1]}{_ZONE}|[0-9]{{1,14}}(?:\.[0-9]{{1,9}})?)[ \t]+([A-Za-z].*)", re.DOTALL
+    rf"[ \t]{{0,8}}({_STAMP[1:-1]}{_ZONE}|[0-9]{{1,14}}(?:\.[0-9]{{1,9}})?(?: ?[mµu]?s(?=:))?):?[ \t]+([A-Za-z].*)",
+    re.DOTALL,
 )
 """A stamp followed by nothing but blanks, before a label."""
 _COUNTED = re.compile(
@@ -320,7 +326,8 @@ def split_stamp(line: str) -> tuple[str, str] | None:
     if line.startswith(("[", "I (", "D (", "W (", "E (", "V (")) and (match := _COUNTED.fullmatch(line)):
         return match[1] or match[2], match[3]
     if ":" in line[:_STAMP_REACH] and (match := _LINE_STAMP.fullmatch(line)):
-        return match[1] or match[2], match[3]
+        stamp = match[1] or match[2]
+        return stamp.replace(",", "") if "." in stamp else stamp, match[3]  # Zephyr writes 00:00:01.234,567
     if line[3:4] == " " and (match := _SYSLOG.fullmatch(line)):
         return match[1], match[2]
     match = _BARE_STAMP.fullmatch(line) if line[:1] in _DIGITS_OR_BLANKS else None

@@ -110,7 +110,7 @@ def parse_clock(cell: str, midnight: int = 0) -> float | None:
     quick = quick_clock(cell)
     if quick is not None:
         return quick
-    match = _CLOCK.fullmatch(cell)
+    match = _CLOCK.fullmatch(cell.replace("h", ":", 1) if cell[1:3].strip("0123456789")[:1] == "h" else cell)
     return None if match is None else clock_of(match.groups(), midnight=midnight)
 
 

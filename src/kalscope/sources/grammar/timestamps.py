@@ -11,7 +11,7 @@ import numpy as np
 
 from kalscope.common.numbers import Array
 from kalscope.recording import Assumption
-from kalscope.sources.grammar.cells import MISSING, parse_number
+from kalscope.sources.grammar.cells import MISSING, UNIT_OF_WORD, parse_number, split_measure
 from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
 from kalscope.sources.grammar.stamps import (
     CLOCK_PARSERS,
@@ -288,6 +288,8 @@ def stamp_parser(column: TimeColumn, decimal: str) -> StampParser:
 
     def parse(cell: str) -> float | None:
         value = parse_number(cell, decimal)
+        if value is None and (measure := split_measure(cell)) and measure[1].lower() in UNIT_OF_WORD:
+            value = parse_number(measure[0], decimal)  # 10 ms
         # NaN fails the comparison as well.
         return value if value is not None and abs(value) <= MAX_STAMP else None
 

@@ -260,6 +260,8 @@ _STAMPS = {
 }
 _SURE = 1e-4
 """A standard error below this share of the rate is not reported."""
+_UNSURE = 0.01
+"""A rate by a coarse clock with a larger standard error is an assumption."""
 _ALIKE = 0.02
 """Rates of the file and of the stamps that differ by more contradict each other."""
 
@@ -299,7 +301,9 @@ def _about_stamps(timing: Timing) -> list[str]:
     rate = f"{sample_rate(timing.stamps_period)}{_sure(timing)}"
     if timing.stamps == "coarse":
         clock = f"the clock has a resolution of {duration(timing.resolution)}"
-        return [f"{clock}: samples were placed evenly between its steps, {rate}"]
+        said = f"{clock}: samples were placed evenly between its steps, {rate}"
+        # Rows that were written twice look the same.
+        return [Assumption(said) if timing.error is not None and timing.error > _UNSURE else said]
     if timing.stamps == "bursts":
         return [f"the stamps come in bursts: samples were placed evenly in time, {rate}"]
     if timing.error is None:

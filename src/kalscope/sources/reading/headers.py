@@ -211,7 +211,11 @@ def _find(head: Sequence[str], table: HeadTable, body: Body, plan: Plan, kinds: 
     start = 0 if place is None else place + 1
     # `Unix,CAL,CAL` above the units only says what was done to each column; `s V V V V V` are no names either.
     done = [sum(cell.lower() in _PROCESSING for cell in cells) for _, cells in above]
-    telling = (2 * done[i] <= len(cells) <= 2 * len(set(cells)) for i, (_, cells) in enumerate(above))
+    # `5s 15s 20d` of the USGS are widths.
+    telling = (
+        2 * done[i] <= len(cells) <= 2 * len(set(cells)) and not all(cell[:1].isdecimal() for cell in cells)
+        for i, (_, cells) in enumerate(above)
+    )
     names = next((i for i, tells in enumerate(telling) if tells and i >= start), start)
     units = None if place is None else above[place]
     if plan.preface.unit_row is not None:
@@ -256,7 +260,7 @@ def _commented_header(head: Sequence[str], table: HeadTable, body: Body, kinds: 
     """The last comment above the data where it is a list of names, as `# time ax ay` of numpy.savetxt."""
     for number in range(body.first - 1, 0, -1):
         text = head[number - 1]
-        if is_comment(text):
+        if is_comment(text) and text.strip(" \t#%/"):
             names = _commented_cells(text, table.form.delimiter, table.width)
             full = len(names) <= table.width and all(kind.kind == "empty" for kind in body.types[len(names) :])
             listed = full and table.width > 1 and all(_is_name(name, table.form.delimiter) for name in names)

@@ -10,7 +10,7 @@ import numpy as np
 
 from kalscope.common.numbers import Array
 from kalscope.recording import Assumption
-from kalscope.sources.grammar.cells import NumberForm
+from kalscope.sources.grammar.cells import NumberForm, split_measure
 from kalscope.sources.grammar.line_format import LineFormat, split_teleplot
 from kalscope.sources.grammar.read_options import DEFAULTS, WORD_OF_DECIMAL, WORD_OF_DELIMITER, ReadOptions
 from kalscope.sources.grammar.timestamps import TimeColumn
@@ -31,6 +31,7 @@ from kalscope.sources.reading.columns import (
 from kalscope.sources.reading.headers import Header, join_quoted, named_by_settings, read_header, settings_of
 from kalscope.sources.reading.preface import told_delimiter
 from kalscope.sources.reading.table import (
+    SCALE,
     Body,
     HeadTable,
     candidate_lines,
@@ -82,7 +83,7 @@ def leading_label(rows: Sequence[Cells], labels: Sequence[int], stamps: Array | 
 # The sentences that explain a layout, and that name another one that could be meant.
 
 
-def explain(table: HeadTable, plan: Plan, body: Body, second: HeadTable | None) -> list[str]:
+def explain(head: Sequence[str], table: HeadTable, plan: Plan, body: Body, second: HeadTable | None) -> list[str]:
     """How the lines are split, what is beside the data, and which other way comes close."""
     form = table.form
     notes = [f"written by {plan.preface.instrument}"] if plan.preface.instrument else []
@@ -104,6 +105,8 @@ def explain(table: HeadTable, plan: Plan, body: Body, second: HeadTable | None) 
         chosen = [f"--delimiter {WORD_OF_DELIMITER[other.delimiter]}"] if other.delimiter != form.delimiter else []
         chosen += [f"--decimal {WORD_OF_DECIMAL[other.decimal]}"] if other.decimal != form.decimal else []
         notes.append(Assumption(f"it could also be {count}: {' '.join(chosen)}"))
+    if (factor := next(filter(None, map(SCALE.fullmatch, head[: body.first])), None)) is not None:
+        notes.append(Assumption(f"the numbers are not multiplied by the {factor[1]} above them"))
     return notes
 
 
@@ -223,7 +226,7 @@ def _layout(
     if table.form.stamped:
         stamps = {line.number: line.stamp for line in lines}
         cells = [(stamps[number], *row) for number, row in body.rows]
-        columns.insert(0, Column("time"))
+        columns.insert(0, Column("time", (split_measure(cells[0][0]) or ("", ""))[1]))
     time = _find_time(columns, cells, table, header, plan)
     columns = named_by_settings(settings, columns, time, table.form)
     above = sum(number < header.first for number, _ in table.rows) if is_table else 0
@@ -235,7 +238,7 @@ def _layout(
     columns, about_series = mark_series(columns, cells, time, table.form.decimal)
     columns, time, about_columns = settle_roles(columns, time)
     notes = (
-        *explain(table, plan, body, second),
+        *explain(head, table, plan, body, second),
         *about_numbers,
         *([Assumption(f"{above} lines of numbers above the table are left out")] if above > 1 else []),
         *header.notes,

@@ -221,7 +221,12 @@ class _Grid:
     def _is_label(self, place: int) -> bool:
         """True for `Sample rate,100` with no names above it: text where the rows below have a number."""
         first = self._lines[place][1][0]
-        strange = self._fits[place] == "partial" and self._types[0].judge(first, self._kinds) == "strange"
+        cells, partial = self._lines[place][1], self._fits[place] == "partial"
+        judged = zip(self._types, cells, strict=False)
+        texts = {cell for kind, cell in judged if partial and kind.judge(cell, self._kinds) == "strange"}
+        if len(texts) > max(1, sum(self._kinds[cell] in NUMERIC for cell in cells)):
+            return True  # `08:30:05 CPU %user %nice`: a stamp beside names
+        strange = partial and self._types[0].judge(first, self._kinds) == "strange"
         nameless = not place or self._fits[place - 1] != "text" or self._is_setting(self._lines[place][1])
         return strange and any(map(str.isalpha, first)) and nameless
 
@@ -327,9 +332,12 @@ MIN_RUN, MIN_NAMED_RUN = 8, 3
 MAX_JUDGED = 500
 """Rows by which those of two widths are compared."""
 _BEGIN = re.compile(
-    r"[\W_]*(?:(?:begin|start)(?: of)?[ _]?)?(?:data|end[ _]?of[ _]?header|end[ _]header|(?<=\*)end)[\W_]*",
+    r"[\W_]*(?:(?:begin|start)(?: of)?[ _]?)?"
+    r"(?:data|end[ _]?of[ _]?header|end[ _]header|(?<=\*)end|(?<=# )columns: [0-9]+)[\W_]*",
     re.IGNORECASE,
 )
+SCALE = re.compile(r"[ \t]{0,8}(1\.0e[+-][0-9]{2}) \*[ \t]{0,8}")
+"""The common factor that MATLAB prints above a matrix."""
 _MAX_PREFACE = 2000
 """Lines above which a table begins."""
 MIN_TEXT_SHARE = 0.04
@@ -386,7 +394,7 @@ def candidate_lines(
 
 
 def _may_be_data(text: str) -> bool:
-    return not is_blank(text) and not is_comment(text)
+    return not is_blank(text) and not is_comment(text) and not SCALE.fullmatch(text)
 
 
 def candidate_tables(lines: list[HeadLine], plan: Plan) -> list[HeadTable]:
@@ -484,6 +492,9 @@ def _grown_width(
     widest = max((w for w, run in runs if len(run) >= MIN_NAMED_RUN), default=0)
     least = MIN_NAMED_RUN if named == widest else MIN_RUN
     long = {w for w, run in runs if len(run) >= least and w > 1}
+    if width < named == runs[0][0]:  # the first row alone holds what is the same in all, such as a serial number
+        long.add(named)
+        widest = named
     if len(long) < 2 or width not in long:
         return width, frozenset()
 
@@ -588,7 +599,7 @@ def _score(lines: list[HeadLine], table: HeadTable) -> float:
         return table.score
     if form.delimiter == " ":
         some = [line.text for line in lines[::step]]
-        listed = sum(", " in text and _COMMA_INSIDE.search(text) is not None for text in some)
+        listed = sum(2 * len(_COMMA_INSIDE.findall(text)) > text.count(", ") > 0 for text in some)
         return table.score * (LISTED if form.decimal == "," and 2 * listed > len(some) else BLANKS)
     if table.width > 1:
         return table.score

@@ -12,7 +12,7 @@ import numpy as np
 from kalscope.common.numbers import Array
 from kalscope.errors import BadSetting
 from kalscope.recording import Assumption
-from kalscope.sources.grammar.cells import UNIT_OF_WORD, parse_number, words
+from kalscope.sources.grammar.cells import UNIT_OF_WORD, words
 from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
 from kalscope.sources.grammar.stamps import CLOCK_PARSERS, ClockForm
 from kalscope.sources.grammar.timestamps import (
@@ -34,10 +34,10 @@ from kalscope.sources.reading.columns import Cells, Column
 _TIME_WORDS = words(
     """
     time times timestamp timestamps stamp tstamp ts datetime date dates elapsed uptime epoch unixtime clock timer
-    zeit uhrzeit zeitstempel datum tiempo fecha hora heure horodatage tempo
+    zeit uhrzeit zeitstempel datum tiempo fecha hora heure horodatage tempo yyyymmdd
     """
 )
-_DATE_WORDS = words("date dates datetime datum fecha")
+_DATE_WORDS = words("date dates datetime datum fecha yyyymmdd")
 _DECIMAL_WORDS = words("decimal dec fractional")
 """Beside a word of time they mean years such as 1958.2027."""
 _DAY_COUNTS = words("jd hjd bjd")
@@ -372,14 +372,15 @@ def _joined(
         elif may_be_digits and (digits := clock_form([row[i] for row in rows])):
             clocks[i] = digits
     joined: list[TimeColumn] = []
+    units = {role: j for j, column in enumerate(columns) if (role := _role(column.name, {})) in ("hour", "minute")}
     for i in dates:
         beside = [j for j in (i + 1, i - 1) if j in clocks] + [j for j in clocks if names[j].strength == 2]
+        days = stamps_of(forms[i], rows, decimal)
+        dated = replace(forms[i], day=float(days[np.isfinite(days)][0]), parts=(("date", i), *units.items()))
         if beside:
-            days = stamps_of(forms[i], rows, decimal)
-            day = float(days[np.isfinite(days)][0])
-            joined.append(
-                replace(forms[i], clock=clocks[beside[0]], parts=(("date", i), ("clock", beside[0])), day=day)
-            )
+            dated = replace(dated, clock=clocks[beside[0]], parts=(("date", i), ("clock", beside[0])))
+        if beside or "hour" in units:
+            joined.append(dated)
     return joined
 
 
@@ -444,7 +445,8 @@ def unnamed_time(columns: list[Column], rows: list[Cells], decimal: str, *, name
     may_lead = not named or unit or any(column.unit or column.name.lower().startswith("ch") for column in others)
     table = [[row[i] for row in rows] for i in range(len(columns))]
     channels = [i for i, column in enumerate(columns) if column.role == "channel"]
-    all_rise = all(bool(np.all(np.diff(_numbers(table[i], decimal)) > 0)) for i in channels)
+    steps = (np.diff(_numbers(table[i], decimal)) for i in channels)
+    all_rise = all(size.size > 0 and bool(np.all(size > 0)) for size in steps)
     found: list[tuple[int, TimeColumn]] = []
     for i, cells in enumerate(table):
         if i in channels and (dated := _dates_in_digits(cells, decimal)):
@@ -454,7 +456,7 @@ def unnamed_time(columns: list[Column], rows: list[Cells], decimal: str, *, name
         elif i not in channels:
             continue
         elif not (named or all_rise) and _rises_steadily(cells, decimal, even=_MIN_EVEN):
-            found.append((2, TimeColumn(i, "number")))
+            found.append((2, TimeColumn(i, "number", UNIT_OF_WORD.get(columns[i].unit.lower(), ""))))
         elif _counts_from_1970(cells, decimal):
             found.append((1, TimeColumn(i, "number")))
     return max(found, key=lambda one: one[0], default=(0, None))[1]
@@ -471,7 +473,7 @@ def _dates_in_digits(cells: list[str], decimal: str) -> TimeColumn | None:
 
 
 def _numbers(cells: list[str], decimal: str) -> Array:
-    stamps = np.array([value if (value := parse_number(cell, decimal)) is not None else np.nan for cell in cells])
+    stamps = stamps_of(TimeColumn(0, "number"), [(cell,) for cell in cells], decimal)
     return stamps[np.isfinite(stamps) & (np.abs(stamps) < 1e20)]
 
 
