@@ -1,5 +1,6 @@
 """Logs as loggers, boards and consoles write them: names, units, rate and values are the right ones."""
 
+import json
 import math
 from functools import reduce
 
@@ -308,6 +309,38 @@ LOGS = {
         {"Temp": ("", A)},
         60,
     ),
+    "pairs with a bar between": (
+        rows(lambda i: f"Angle: x= {A[i]} |\ty= {B[i]} |\n"),
+        {"Angle: x": ("", A), "Angle: y": ("", B)},
+        None,
+    ),
+    "a message between marks": (rows(lambda i: f"<{A[i]},{B[i]}>\n"), {"value 2": ("", B)}, None),
+    "a mark at the end": (rows(lambda i: f"$S,{A[i]},{B[i]}#\n"), {"value 2": ("", B)}, None),
+    "LabVIEW: a step above its value": (
+        "dt:\n0.001\t0.001\ndata:\n" + rows(lambda i: f"{A[i]:.3E}\t{B[i]:.6E}\n"),
+        {"value 2": ("", B)},
+        0.001,
+    ),
+    "dates in Chinese": (
+        "时间,温度\n" + rows(lambda i: f"2024年03月17日 {clock(i)},{A[i]}\n"),
+        {"温度": ("", A)},
+        10,
+    ),
+    "JSON: columns of data": (
+        json.dumps({"time": {"data": list(range(N))}, "hr": {"data": A, "size": N}}),
+        {"hr": ("", A)},
+        1,
+    ),
+    "JSON: a table in a list of one": (
+        json.dumps({"results": [{"id": 0, "series": [{"columns": ["time", "a"], "values": list(enumerate(A))}]}]}),
+        {"a": ("", A)},
+        1,
+    ),
+    "JSON: lists": (
+        json.dumps([[1709630000000 + 1000 * i, a] for i, a in enumerate(A)]),
+        {"value 1": ("", A)},
+        1,
+    ),
     "objects on several lines each": (
         rows(lambda i: f'{{\n  "t": {1710664205 + i},\n  "v": {A[i]}\n}}\n'),
         {"v": ("", A)},
@@ -317,7 +350,7 @@ LOGS = {
 
 
 def read(tmp_path, text, options=DEFAULTS):
-    path = tmp_path / "log.txt"
+    path = tmp_path / ("log.json" if text[:1] == "[" and text[-1:] == "]" else "log.txt")
     path.write_bytes(text.encode())
     return read_recording(path, options)
 
@@ -339,6 +372,12 @@ def test_a_common_factor_is_named(tmp_path):
     recording = read(tmp_path, "x =\n\n   1.0e+03 *\n\n" + rows(lambda i: f"   {A[i]}  {B[i]}\n"))
     assert "the numbers are not multiplied by the 1.0e+03 above them" in recording.report.assumptions
     np.testing.assert_array_equal(recording.values[:, 0], A)
+
+
+def test_one_signal_written_row_by_row_is_asked_about(tmp_path):
+    values = [A[i % N] for i in range(7 * N)]
+    text = "NPTS= 280\n" + "".join(" ".join(map(str, values[i : i + 7])) + "\n" for i in range(0, len(values), 7))
+    assert any("written row by row" in said for said in read(tmp_path, text).report.assumptions)
 
 
 def test_what_could_be_one_number_or_two_is_asked_about(tmp_path):

@@ -82,9 +82,11 @@ def _line(row: Any) -> str:
 def _tables(key: str, value: Any, depth: int) -> Iterator[tuple[str, Rows]]:
     """(key, objects) of every list of samples."""
     if isinstance(value, list):
-        rows = _objects(cast("list[Any]", value))
-        if rows:
-            yield key or "list", rows
+        items = cast("list[Any]", value)
+        rows = _objects(items)
+        inner = list(_tables(key, rows[0], depth)) if len(rows) == 1 else []
+        if inner or rows:
+            yield from inner or [(key or "list", rows)]
     elif isinstance(value, dict) and depth < _MAX_DEPTH:
         inner = cast("dict[str, Any]", value)
         columns = _columns(inner)
@@ -127,13 +129,24 @@ def _is_pair(value: Any) -> bool:
 
 
 def _columns(value: dict[str, Any]) -> Rows:
-    """`{"time": [0, 1], "x": [5, 6]}` by rows."""
-    lists = {key: cast("list[Any]", part) for key, part in value.items() if isinstance(part, list)}
+    """`{"time": [0, 1], "x": [5, 6]}`, `{"x": {"data": [5]}}` and `{"columns": ["x"], "data": [[5]]}` by rows."""
+    names, parts = value.get("columns"), [part for part in value.values() if isinstance(part, list)]
+    table = next((part for part in parts if isinstance(names, list) and _is_grid(part, len(names))), None)
+    if table:
+        return [dict(zip(map(str, names), row, strict=True)) for row in table]
+    lists = {
+        key: part["data"] if isinstance(part, dict) and "data" in part else part for key, part in value.items()
+    }
+    lists = {key: cast("list[Any]", part) for key, part in lists.items() if isinstance(part, list)}
     plain = {key: part for key, part in lists.items() if part and not isinstance(part[0], (dict, list))}
     lengths = {len(part) for part in plain.values()}
     if len(plain) < 2 or len(lengths) != 1 or max(lengths) < 2:
         return []
     return [dict(zip(plain, cells, strict=True)) for cells in zip(*plain.values(), strict=True)]
+
+
+def _is_grid(value: list[Any], width: int) -> bool:
+    return all(isinstance(row, list) and len(cast("list[Any]", row)) == width for row in value)
 
 
 def _series(value: dict[str, Any]) -> Rows:

@@ -91,7 +91,8 @@ def split_fields(line: str, delimiter: str) -> list[str]:
 
 def _split(line: str, delimiter: str) -> list[str]:
     text = line.strip(" \t\r\n") if delimiter == " " else line.rstrip("\r\n")
-    if text.endswith(("]", ")", "}", "},")):
+    text = text.removesuffix("#")  # as boards end a message
+    if text.endswith(("]", ")", "}", "},", ">")):
         text = _without_brackets(text)
     if '"' in text and text.count('"') % 2 == 0:
         try:
@@ -119,7 +120,7 @@ def _without_brackets(text: str) -> str:
     """`1, 2, 3` of `[1, 2, 3]`, `(1, 2, 3)` and `{1, 2, 3},`, as programs print lists; any other line unchanged."""
     bare = text.strip(" \t").removesuffix(",")
     inner = bare[1:-1]
-    is_pair = bare[:1] + bare[-1] in ("[]", "()", "{}") and not any(mark in inner for mark in "[](){}")
+    is_pair = bare[:1] + bare[-1] in ("[]", "()", "{}", "<>") and not any(mark in inner for mark in "[](){}<>")
     numbers = inner.strip(" \t").startswith(_NUMBER_STARTS) and any(mark in inner for mark in ",; \t")
     return inner.strip(" \t") if is_pair and numbers else text
 

@@ -78,7 +78,7 @@ Pairs = list[tuple[str, str]]
 MAX_LABEL, MAX_PARTS = 60, 2048
 """Length of a label of several words, and commas, semicolons and tabs of a line."""
 
-_BETWEEN_PAIRS, _BUT_COMMAS = re.compile(r"[,;&\t]"), re.compile(r"[;&\t]")
+_BETWEEN_PAIRS, _BUT_COMMAS = re.compile(r"[,;&|\t]"), re.compile(r"[;&|\t]")
 _COMMA_IN_NUMBER = re.compile(r"[0-9],[0-9]")
 _WORD = re.compile(r'(?:[^\s"]|"[^"]*")++')
 _LEVEL = re.compile(r"\[?(?:TRACE|DEBUG|INFO|NOTICE|WARN|WARNING|ERROR)\]?:?[ \t]+")

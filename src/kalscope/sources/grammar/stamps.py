@@ -211,6 +211,7 @@ _EPOCH_DAY = _EPOCH.toordinal()
 _DAY_US = 86400e6
 
 _WORD, _GAP = r"[^\W\d_]{3,10}", r"(?:st|nd|rd|th)?[-/., ]{1,2}(?:of )?"
+_CHINESE = str.maketrans({"年": "-", "月": "-", "日": "", "时": ":", "時": ":", "分": ":", "秒": ""})
 _DAY = re.compile(
     r"([0-9]{1,4})[-/.]([0-9]{1,2})[-/.]([0-9]{1,4})|(?:([^\W\d_]{2,10})[.,]{0,2} {1,2})?"
     rf"(?:([0-9]{{1,4}}){_GAP}({_WORD}){_GAP}([0-9]{{1,4}})|({_WORD}){_GAP}([0-9]{{1,2}}){_GAP}([0-9]{{1,4}}))"
@@ -273,6 +274,8 @@ def parse_iso(cell: str, order: DateOrder) -> float | None:
 
 def _parse_other(cell: str, order: DateOrder) -> float | None:
     """A stamp in any other shape."""
+    if not cell.isascii():  # 2024年03月17日 08时30分
+        cell = cell.translate(_CHINESE)
     if order == "ymd" and len(cell) >= 8 and cell.isascii() and cell[:8].isdecimal():
         day = _day(cell[:4], cell[4:6], cell[6:8], "ymd")
         match = _CLOCK_IN_DIGITS.fullmatch(cell, 8)

@@ -10,7 +10,7 @@ import numpy as np
 
 from kalscope.common.numbers import Array
 from kalscope.recording import Assumption
-from kalscope.sources.grammar.cells import NumberForm, split_measure
+from kalscope.sources.grammar.cells import NumberForm, parse_number, split_measure
 from kalscope.sources.grammar.line_format import LineFormat, split_teleplot
 from kalscope.sources.grammar.read_options import DEFAULTS, WORD_OF_DECIMAL, WORD_OF_DELIMITER, ReadOptions
 from kalscope.sources.grammar.timestamps import TimeColumn
@@ -110,6 +110,18 @@ def explain(head: Sequence[str], table: HeadTable, plan: Plan, body: Body, secon
     return notes
 
 
+def _about_rows(rows: Sequence[Cells], channels: Sequence[int], decimal: str) -> list[str]:
+    """The doubt whether columns without names hold one signal, written row by row: they look alike."""
+    numbers = np.array([[parse_number(row[i], decimal) for i in channels] for row in rows], dtype=np.float64)
+    numbers = numbers[np.isfinite(numbers).all(axis=1)] if len(channels) >= _MIN_ALIKE else numbers[:0]
+    if len(numbers) < _MIN_ALIKE:
+        return []
+    spread, means = numbers.std(axis=0), numbers.mean(axis=0)
+    if not (np.ptp(means) < _ALIKE * spread.min() and spread.max() < (1 + _ALIKE) * spread.min()):
+        return []
+    return [Assumption(f"the {len(channels)} columns look alike: are they one signal, written row by row?")]
+
+
 def explain_doubt(name: str, form: NumberForm, rival: NumberForm, cells: Sequence[str]) -> str:
     """The question about a column whose numbers could be written in two ways."""
     example = next(cell for cell in cells if differ(form, rival, cell))
@@ -126,6 +138,9 @@ def explain_doubt(name: str, form: NumberForm, rival: NumberForm, cells: Sequenc
 #
 #     # unit volume: 1e8 m3
 
+
+_MIN_ALIKE, _ALIKE = 4, 0.3
+"""Columns, and rows, of one signal that is written row by row, and how little their means and spreads differ."""
 
 MAX_COLUMNS = 256
 """A table wider than this is not a log of samples (a list per line, an image, one case per line)."""
@@ -236,7 +251,9 @@ def _layout(
         labels = [i for i, column in enumerate(columns) if column.role == "channel" and i not in taken]
         lead = leading_label(cells, labels, time and stamps_of(time, cells, table.form.decimal))
     columns, about_series = mark_series(columns, cells, time, table.form.decimal)
+    named = [column.name for column in columns]
     columns, time, about_columns = settle_roles(columns, time)
+    channels = [i for i, column in enumerate(columns) if column.role == "channel"]
     notes = (
         *explain(head, table, plan, body, second),
         *about_numbers,
@@ -245,6 +262,7 @@ def _layout(
         *([] if lead is None else [f'several lines make up a row; "{columns[lead].name}" begins each']),
         *about_series,
         *about_columns,
+        *(_about_rows(cells, channels, table.form.decimal) if time is None and not any(named) else ()),
         *plan.preface.notes,
     )
     return Layout(

@@ -46,7 +46,7 @@ _DAY_COUNTS = words("jd hjd bjd")
 _FILLERS = words(
     """
     in of the since from start and utc gmt local host device gps unix system relative rel absolute abs sensor sample
-    sampling record recorded recording measurement logger log formatted total boot iso iso8601
+    sampling record recorded recording measurement logger log formatted total boot iso iso8601 string
     """
 )
 # Other words for a unit are also quantities or counts: h, d, min, hour.
