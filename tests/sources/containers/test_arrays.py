@@ -6,11 +6,16 @@ import numpy as np
 import pytest
 import scipy.io
 from each import each
+from required import needs
 
 from kalscope.errors import BadFile, BadSetting
 from kalscope.sources.containers.table import MAX_NUMBERS
 from kalscope.sources.grammar.read_options import ReadOptions
 from kalscope.sources.reading.recording_file import read_recording
+
+needs("duckdb", "rosbags", "mcap")
+
+from made_containers import write_edf  # noqa: E402
 
 h5py = pytest.importorskip("h5py")
 nptdms = pytest.importorskip("nptdms")
@@ -237,6 +242,17 @@ def test_arrays_of_numpy(tmp_path, write, names, period):
     np.testing.assert_array_equal(
         recording.values[:, 0], X.astype("f4") if write.__code__.co_names[-1] == "TABLE" else X
     )
+
+
+def test_the_signals_of_one_rate_of_an_edf_file(tmp_path):
+    recording = read_recording(write_edf(tmp_path / "log.edf"))
+    assert (recording.names, recording.units, recording.sample_period) == (("EEG Fp1",), ("uV",), 0.01)
+    digital = np.concatenate([63.0 * i + np.arange(50) for i in range(4)])
+    np.testing.assert_allclose(recording.values[:, 0], -100 + 200 * (digital + 2048) / 4095)
+    assert any("2024-03-01T10:00:00" in note for note in recording.report.notes)
+    assert len(read_recording(tmp_path / "log.edf", ReadOptions(part="Temp"))) == 20
+    with pytest.raises(BadFile, match="one continuous recording"):
+        read_recording(write_edf(tmp_path / "log.edf", "EDF+D"))
 
 
 @each("kind", ["<f8", "|O"])

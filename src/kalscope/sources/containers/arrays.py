@@ -1,4 +1,4 @@
-"""Named arrays, as NumPy, MATLAB, HDF5, TDMS and Parquet files hold them: those of one length are channels."""
+"""Named arrays, as NumPy, MATLAB, HDF5, TDMS, Parquet and EDF files hold them: those of one length are channels."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ import zlib
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from datetime import datetime
 from functools import partial
 from pathlib import Path
 from typing import Any, cast
@@ -463,3 +464,43 @@ def read_parquet(path: Path, name: str, part: str | None, progress: Progress) ->
             if is_number or types.is_timestamp(one.type) or types.is_date(one.type):
                 found.items.append(Item(one.name, "", (rows,), partial(column, one.name)))
         return read_arrays(found, None, name, "a Parquet file", progress)
+
+
+# EDF files of signals of the body: a header of text in fixed places, then records of 16-bit numbers.
+
+
+_EDF_FIELDS = (16, 80, 8, 8, 8, 8, 8, 80, 8, 32)
+"""Characters of label, transducer, unit, physical and digital range, filter, samples a record, reserve."""
+
+
+def read_edf(path: Path, name: str, part: str | None, progress: Progress) -> Table:
+    """Read a continuous EDF or EDF+ file, by the specifications at edfplus.info; annotations are left out.
+
+    Raises:
+        BadFile: it holds no signals, too many numbers, or pauses.
+        BadSetting: there is no such part.
+    """
+    progress(0.0, "reading")
+    with path.open("rb") as file:
+        head = file.read(256).decode("latin-1")
+        count = int(head[252:])
+        fields = [[file.read(size).decode("latin-1").strip() for _ in range(count)] for size in _EDF_FIELDS]
+    if head[192:197] == "EDF+D":
+        raise BadFile(f"{name} must be one continuous recording (got EDF+D, whose records may have pauses)")
+    start, begin, seconds = None, int(head[184:192]), float(head[244:252])
+    with suppress(ValueError):
+        start = _seconds(np.datetime64(datetime.strptime(head[168:184], "%d.%m.%y%H.%M.%S")))
+    stops = np.cumsum([0, *map(int, fields[8])]).tolist()
+    shape = (path.stat().st_size - begin) // (2 * stops[-1]), stops[-1]
+    data = np.memmap(path, "<i2", "r", begin, shape)
+
+    def physical(i: int) -> Array:
+        low, high, least, most = (float(field[i]) for field in fields[3:7])
+        return (data[:, stops[i] : stops[i + 1]].ravel() - least) * ((high - low) / (most - least)) + low
+
+    found = Found()
+    for i, (label, unit) in enumerate(zip(fields[0], fields[2], strict=True)):
+        if not label.endswith("Annotations"):
+            n = stops[i + 1] - stops[i]
+            found.items.append(Item(label, "", (n * shape[0],), partial(physical, i), unit, seconds / n, start))
+    return read_arrays(found, part, name, "an EDF file", progress, "set of signals of one rate")

@@ -64,6 +64,12 @@ def _is_excel(head: bytes, name: str) -> bool:
     )
 
 
+def _is_edf(head: bytes, _: str) -> bool:
+    """It begins with a number in a place of eight characters, as a table may."""
+    counts = head[184:192].strip(), head[252:256].strip()
+    return head.startswith(b"0       ") and b"\n" not in head[:256] and all(map(bytes.isdigit, counts))
+
+
 def _is_numpy(head: bytes, name: str) -> bool:
     """For a zip archive the name of its first file decides, or its own name."""
     return head.startswith(b"\x93NUMPY") or (
@@ -102,6 +108,7 @@ _CONTAINERS = (
     Container("a ULog file", _begins(b"ULog\x01\x12\x35"), "robotics.read_ulog"),
     Container("a spreadsheet", _is_excel, "spreadsheets.read_excel"),
     Container("a NumPy file", _is_numpy, "arrays.read_numpy"),
+    Container("an EDF file", _is_edf, "arrays.read_edf"),
     Container("a zip archive", _begins(b"PK\x03\x04", b"PK\x05\x06"), "texts.read_zip"),
     Container("a JSON document", _is_json_document, "texts.read_json_document"),
 )

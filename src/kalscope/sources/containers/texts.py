@@ -32,7 +32,7 @@ _COSTS = {b",": 60, b":": 60, b"[": 64, b"{": 200}
 """Approximate memory for each occurrence of a mark, bytes: of a value, a name, a list, an object."""
 _TEXTS = 3
 """Copies of its characters in memory: the bytes of the file, its text, and the values."""
-_MAX_DEPTH = 4
+_MAX_DEPTH = 8
 _SEVERAL = re.compile(r"^\}\s{0,99}^\{", re.MULTILINE)
 """Between two objects, each on several lines, that follow each other in one file."""
 Rows = list[dict[str, Any]] | list[list[Any]]
@@ -114,7 +114,9 @@ def _is_grid(value: list[Any], width: int) -> bool:
 def _columns(value: dict[str, Any]) -> Rows:
     """`{"time": [0, 1], "x": [5, 6]}`, `{"x": {"data": [5]}}` and `{"columns": ["x"], "data": [[5]]}` by rows."""
     names = [str(name) for name in _list(value.get("columns"))]
-    table = next((part for part in map(_list, value.values()) if names and part and _is_grid(part, len(names))), None)
+    table = next(
+        (part for part in map(_list, value.values()) if names and part and _is_grid(part, len(names))), None
+    )
     if table:
         return [dict(zip(names, row, strict=True)) for row in table]
     lists = {key: _list(part) or _list(_dict(part).get("data")) for key, part in value.items()}
