@@ -141,10 +141,10 @@ def read_arrays(
     """
     groups = _grouped(arrays.items)
     many = {group for group, *_ in groups if sum(group == other for other, *_ in groups) > 1}
-    parts = [
-        Part(_part_name(group, found, alone=group not in many), n, sum(_width(item, n) for item in found))
-        for (group, n), found in groups.items()
-    ]
+    parts: list[Part] = []
+    for (group, n), found in groups.items():
+        label = group if group and group not in many else f"{group}/{found[0].name}".removeprefix("/")
+        parts.append(Part(label, n, sum(_width(item, n) for item in found)))
     chosen, said = choose_part(parts, wanted, name, what)
     (group, n), found = list(groups.items())[chosen]
     if group:  # a time array in the file itself applies to the group as well
@@ -172,18 +172,16 @@ def read_arrays(
         names += [item.name if width == 1 or not item.name else f"{item.name}[{k}]" for k in range(width)]
         units += [item.unit] * width
         columns += [np.ascontiguousarray(array[:, k]) for k in range(width)]
-    period = next((item.period for item in found if item.period is not None), None)
     start = next((item.start for item in found if item.start is not None), None)
-    given = [
-        period_from(key, value) for outer in _outer(group) for other, key, value in arrays.scalars if other == outer
-    ]
-    period = next((one for one in (period, *given) if one is not None), None)
+    periods = [item.period for item in found]
+    for outer in _outer(group):
+        periods += [period_from(key, value) for other, key, value in arrays.scalars if other == outer]
     return Table(
         names=tuple(names),
         units=tuple(units),
         columns=tuple(columns),
         start=start,
-        period=period,
+        period=next((period for period in periods if period is not None), None),
         notes=(note, *said),
         dates=frozenset(dates),
     )
@@ -193,12 +191,6 @@ def _outer(group: str) -> list[str]:
     """A group and all groups that contain it, `run/imu`, `run` and the file itself; `run.imu` in MATLAB."""
     ends = [i for i, mark in enumerate(group) if mark in "/."]
     return [group[:end] for end in (len(group), *reversed(ends))] + [""]
-
-
-def _part_name(group: str, found: list[Item], *, alone: bool) -> str:
-    if alone and group:
-        return group
-    return f"{group}/{found[0].name}" if group else found[0].name
 
 
 def _grouped(items: Sequence[Item]) -> dict[tuple[str, int], list[Item]]:
@@ -227,10 +219,7 @@ def _samples(item: Item, lengths: set[tuple[str, int]]) -> int:
 
 
 def _width(item: Item, n: int) -> int:
-    total = 1
-    for size in item.shape:
-        total *= size
-    return total // n
+    return math.prod(item.shape) // n
 
 
 # HDF5 files, read by h5py: the datasets of one length in a group. Nothing outside the file is read.
@@ -381,18 +370,8 @@ def read_numpy(path: Path, name: str, part: str | None, progress: Progress) -> T
             data = archive.read(info)
             if info.filename.endswith(".npy") and data[:6] == b"\x93NUMPY":
                 with suppress(ValueError):  # an array of objects
-                    found.add(info.filename.removesuffix(".npy"), "", _array_of(data))
+                    found.add(info.filename.removesuffix(".npy"), "", np.load(io.BytesIO(data), allow_pickle=False))
     return read_arrays(found, part, name, "an archive of NumPy arrays", replace(progress, unpacking=None))
-
-
-def _array_of(data: bytes) -> Any:
-    """The array in the bytes of a .npy file, which its header may exceed."""
-    stream = io.BytesIO(data)
-    version = np.lib.format.read_magic(stream)
-    read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
-    shape, is_fortran, dtype = read(stream)
-    array = np.frombuffer(data, dtype, math.prod(shape), stream.tell())
-    return array.reshape(shape, order="F" if is_fortran else "C")
 
 
 # LabVIEW TDMS files, read by npTDMS: the channels of a group, with their units and waveform properties.
