@@ -8,7 +8,7 @@ import scipy.io
 from each import each
 from required import needs
 
-from kalscope.errors import BadFile, BadSetting, NoMemory
+from kalscope.errors import BadFile, NoMemory
 from kalscope.sources.containers.table import MAX_NUMBERS
 from kalscope.sources.grammar.read_options import ReadOptions
 from kalscope.sources.reading.recording_file import read_recording

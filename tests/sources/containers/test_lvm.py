@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from each import each
 
-from kalscope.errors import BadFile, BadSetting
+from kalscope.errors import BadSetting
 from kalscope.sources.grammar.read_options import ReadOptions
 from kalscope.sources.reading.recording_file import read_recording
 

@@ -309,6 +309,26 @@ LOGS = {
         {"Temp": ("", A)},
         60,
     ),
+    "RRDtool: no name above the time": (
+        "             temp       hum\n\n" + rows(lambda i: f"{1710664200 + 300 * i}: {A[i]:.4e} {B[i]:.6e}\n"),
+        {"temp": ("", A), "hum": ("", B)},
+        300,
+    ),
+    "names and units in comments": (
+        "%time  pos  vel\n%s  mm  mm/s\n" + rows(lambda i: f"{i / 100}  {A[i]}  {B[i]}\n"),
+        {"pos": ("mm", A), "vel": ("mm/s", B)},
+        0.01,
+    ),
+    "MATLAB days": (
+        "datenum,value\n" + rows(lambda i: f"{739328.354224537 + i / 1440:.9f},{A[i]}\n"),
+        {"value": ("", A)},
+        60,
+    ),
+    "RTClib": (
+        rows(lambda i: f"2024/3/7 (Sunday) 8:3:{i},{A[i]}\n"),
+        {"value 1": ("", A)},
+        1,
+    ),
     "pairs with a bar between": (
         rows(lambda i: f"Angle: x= {A[i]} |\ty= {B[i]} |\n"),
         {"Angle: x": ("", A), "Angle: y": ("", B)},

@@ -104,6 +104,8 @@ def _split(line: str, delimiter: str) -> list[str]:
             pass
     if delimiter == " ":
         cells = _RUN_OF_SPACES.split(text) if text else []
+        if cells and cells[0][-1:] == ":" and cells[0][:-1].isdecimal():
+            cells[0] = cells[0][:-1]  # RRDtool
         # `21,5, 40,2` and `26.69C, 40%` are separated by a comma and a blank.
         return (
             [cell.rstrip(",;") or cell for cell in cells]

@@ -225,6 +225,7 @@ _YEAR_LAST = re.compile(
     rf"^((?:[^\W\d_]{{2,10}}[.,]? )?{_WORD} {{1,2}}[0-9]{{1,2}}),? ([0-9]{{1,2}}:.{{2,40}}) ([0-9]{{4}})\Z"
 )
 _CLOCK_FIRST = re.compile(r"([0-9]{1,2}:.{2,24}?),? ([0-9]{1,4}[-/.][0-9]{1,2}[-/.][0-9]{1,4})")
+_IN_BRACKETS = re.compile(r"(?<=[0-9]) \([A-Za-z]{3,10}\) ")
 _MONTH = re.compile(r"[12][0-9]{3}[-/][0-9]{1,2}")
 _CLOCK_IN_DIGITS = re.compile(
     rf"[T_ -]?([0-9]{{2}})(?:([0-9]{{2}})(?:([0-9]{{2}})(?:[.,]?([0-9]{{1,9}}))?)?)?{_ZONE}"
@@ -293,7 +294,8 @@ def _parse_other(cell: str, order: DateOrder) -> float | None:
 
 
 def _rewritten(cell: str, order: DateOrder) -> str:
-    """The day first, then the clock; a month has a first day."""
+    """The day first, then the clock, without `(Sunday)` between; a month has a first day."""
+    cell = _IN_BRACKETS.sub(" ", cell)
     if cell[:1].isalpha():
         return _YEAR_LAST.sub(r"\1 \3 \2", cell) if order == "mdy" else cell
     if cell[1:2] == ":" or cell[2:3] == ":":

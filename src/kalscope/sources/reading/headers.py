@@ -23,6 +23,7 @@ from kalscope.sources.grammar.read_options import DELIMITERS
 from kalscope.sources.grammar.timestamps import TimeColumn
 from kalscope.sources.reading.columns import COUNTING_NAMES, CellKinds, Cells, Column, Plan, named_column
 from kalscope.sources.reading.table import Body, HeadTable, header_cells
+from kalscope.sources.reading.time_columns import time_name
 
 _COMMENT_NAME_LENGTH, _COMMENT_NAME_WORDS = 40, 3
 _MIN_CODE_ROWS = 20
@@ -191,6 +192,10 @@ def _find(head: Sequence[str], table: HeadTable, body: Body, plan: Plan, kinds: 
     """The rows of names and units as the lines themselves show them: units are below the names."""
     above = list(body.above)
     commented = None if plan.options.header else _commented_header(head, table, body, kinds)
+    if commented and not above and are_units(commented[1]):  # `# t x` above `# s mm`
+        upper = _commented_header(head[: commented[0] - 1], table, replace(body, first=commented[0]), kinds)
+        if upper and upper[0] == commented[0] - 1 and len(upper[1]) == len(commented[1]):
+            return _Rows(upper, commented)
     if commented is not None and (not above or (len(above) == 1 and commented[0] == above[0][0] - 1)):
         units = next((row for row in above if are_units(row[1])), None)
         if units or not above:
@@ -240,6 +245,11 @@ def _named(row: Row, table: HeadTable, body: Body) -> tuple[tuple[Column, ...], 
     if more <= 0:
         names = (*cells, *[""] * trailing)[:width]
         return tuple(map(named_column, names)), notes if any(cells[width:]) else []
+    is_dated = body.types[0].kind == "stamp" or all(
+        float(row[0]) > 1e9 for _, row in body.rows if is_number(row[0])
+    )
+    if len(cells) == width - 1 and is_dated and not time_name(named_column(cells[0])).strength:
+        return (Column(""), *map(named_column, cells)), notes
     if len(cells) == width - 1 and _are_row_names(cells[0], body):
         return (Column("", role="row name"), *map(named_column, cells)), notes
     names = (*cells, *[cells[-1] if more > 1 else ""] * more, *[""] * trailing)

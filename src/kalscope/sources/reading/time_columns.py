@@ -35,13 +35,14 @@ _TIME_WORDS = words(
     """
     time times timestamp timestamps stamp tstamp ts datetime date dates elapsed uptime epoch unixtime clock timer
     zeit uhrzeit zeitstempel datum tiempo fecha hora heure horodatage tempo yyyymmdd
+    tow
     """
 )
 _DATE_WORDS = words("date dates datetime datum fecha yyyymmdd")
 _DECIMAL_WORDS = words("decimal dec fractional")
 """Beside a word of time they mean years such as 1958.2027."""
-_DAY_COUNTS = words("jd hjd bjd")
-"""Julian dates: of the Earth, the sun and the solar system."""
+_DAY_COUNTS = words("jd hjd bjd mjd datenum")
+"""Julian dates: of the Earth, the sun and the solar system, modified ones; MATLAB's days since the year 0."""
 # Beside these a word of time stays one: "Device Time", "time since start", "Timestamp (Formatted)".
 _FILLERS = words(
     """
