@@ -91,17 +91,6 @@ def test_fields_of_a_matlab_struct_and_a_matrix_are_channels(mat):
     assert mat(log={"fs": 50.0, "imu": {"x": X}}).sample_period == pytest.approx(0.02)
 
 
-def test_the_structs_of_an_array_are_groups(mat):
-    runs = np.zeros(3, dtype=[("t", object), ("x", object), ("name", object)])
-    for i, n in enumerate((20, 50, 30)):
-        runs[i] = (T[:n], i + X[:n], f"run {i}")
-    recording = mat(runs=runs)
-    np.testing.assert_array_equal(recording.values[:, 0], 1 + X)
-    assert recording.sample_period == pytest.approx(0.02)
-    assert any('"runs[0]" (20 × 2)' in note for note in recording.report.notes)
-    np.testing.assert_array_equal(mat(runs=runs, part="runs[2]").values[:, 0], 2 + X[:30])
-
-
 @each("variables", [{"a": "text"}, {"a": 5.0}, {"a": np.zeros((0, 3))}, {"a": np.eye(3) * 1j}])
 def test_matlab_without_samples_is_refused(mat, variables):
     with pytest.raises(BadFile, match="must hold"):

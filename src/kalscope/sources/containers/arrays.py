@@ -6,6 +6,7 @@ import importlib
 import io
 import logging
 import math
+import re
 import struct
 import zipfile
 import zlib
@@ -275,15 +276,12 @@ def _text(value: Any) -> str:
 # MATLAB files: up to version 7.2 by SciPy, version 7.3, which is HDF5, by h5py. Nothing in them is ever run.
 
 
-_MAX_STRUCTS = 256
-"""Structs of one array that are read."""
 _COMPRESSED = 15
 """Type of an element of a file of version 5 that holds a compressed variable."""
 _PIECE = 1 << 22
 """Bytes that are read and unpacked at once to count them."""
 _VERSION_73 = b"MATLAB 7.3"
-_WHOLE = tuple(f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64))
-_CLASSES = frozenset(("double", "single", "logical", "struct", *_WHOLE))
+_CLASSES = re.compile("double|single|logical|struct|u?int(8|16|32|64)")
 """Classes of variables that may hold numbers; cells, text, functions and objects are left unread."""
 
 
@@ -299,7 +297,7 @@ def read_mat(path: Path, name: str, part: str | None, progress: Progress) -> Tab
             return read_hdf5(path, name, part, progress)
     matlab = load_library("scipy.io", "scipy", name, "a MATLAB file")
     listed = cast("list[tuple[str, tuple[int, ...], str]]", matlab.whosmat(str(path)))
-    wanted = [key for key, _, kind in listed if kind in _CLASSES]
+    wanted = [key for key, _, kind in listed if _CLASSES.fullmatch(kind)]
     # The size of a struct says nothing of its fields, and any element may unpack to more than its variable has.
     _count_unpacked(path, progress)
     progress(0.1, "reading")
@@ -338,14 +336,8 @@ def _collect(key: str, group: str, value: Any, found: Found, depth: int = 0) -> 
         for name, part in cast("dict[str, Any]", value).items():
             if depth < _MAX_DEPTH:
                 _collect(name, inner, part, found, depth + 1)
-        return
-    array = np.asarray(value)
-    if array.dtype == object and array.ndim == 1:  # an array of structs: each is a group of its own
-        for i, part in enumerate(array[:_MAX_STRUCTS]):
-            if isinstance(part, dict):
-                _collect(f"{key}[{i}]", group, part, found, depth + 1)
     else:
-        found.add(key, group, array)
+        found.add(key, group, np.asarray(value))
 
 
 # NumPy files: an array, or a zip archive of several. Pickled objects are never loaded.
@@ -388,25 +380,19 @@ def read_tdms(path: Path, name: str, part: str | None, progress: Progress) -> Ta
     nptdms.log.log_manager.set_level(logging.CRITICAL)  # else it prints warnings about a file to the terminal
     # An open file, not its path: else npTDMS would trust an index file beside it.
     with path.open("rb") as raw, nptdms.TdmsFile.open(raw) as file:
-        items = list(_items(file, path.stat().st_size))
-        return read_arrays(Found(items), part, name, "a TDMS file", progress)
-
-
-def _items(file: Any, size: int) -> Iterator[Item]:
-    for group in file.groups():
-        for channel in group.channels():
+        found = Found()
+        for channel in (channel for group in file.groups() for channel in group.channels()):
             n, properties = len(channel), channel.properties
             # Raw data are stored as they are: no channel holds more samples than the file has bytes.
-            if not 0 < n <= min(size, MAX_NUMBERS):
-                continue
-            if not is_numeric(channel.dtype):
+            if not 0 < n <= min(path.stat().st_size, MAX_NUMBERS) or not is_numeric(channel.dtype):
                 continue
             step = properties.get("wf_increment")
             period = float(step) if isinstance(step, (int, float)) and 0 < step < np.inf else None
             unit = properties.get("unit_string") or properties.get("NI_UnitDescription") or ""
             start = _seconds(properties.get("wf_start_time")) if period is not None else None
             load = partial(channel.__getitem__, slice(None))
-            yield Item(channel.name, group.name, (n,), load, str(unit), period, start)
+            found.items.append(Item(channel.name, channel.group_name, (n,), load, str(unit), period, start))
+        return read_arrays(found, part, name, "a TDMS file", progress)
 
 
 def _seconds(stamp: Any) -> float | None:
