@@ -91,7 +91,8 @@ def split_fields(line: str, delimiter: str) -> list[str]:
 
 def _split(line: str, delimiter: str) -> list[str]:
     text = line.strip(" \t\r\n") if delimiter == " " else line.rstrip("\r\n")
-    text = text.removesuffix("#")  # as boards end a message
+    if text[-1:] == "#" and text[-2:-1].isalnum():  # as boards end a message
+        text = text[:-1]
     if text.endswith(("]", ")", "}", "},", ">")):
         text = _without_brackets(text)
     if '"' in text and text.count('"') % 2 == 0:

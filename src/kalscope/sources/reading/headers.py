@@ -27,6 +27,8 @@ from kalscope.sources.reading.time_columns import time_name
 
 _COMMENT_NAME_LENGTH, _COMMENT_NAME_WORDS = 40, 3
 _MIN_CODE_ROWS = 20
+_SINCE_1970 = 1e9
+"""A first column that begins beyond this, in s, holds stamps, which may have no name."""
 _MAX_HEADER_PLACE, _MAX_HEADER_LENGTH, _MAX_NAME_LINES = 50, 4000, 12
 """Lines of the head that are looked at for names that break, their length, and lines of one header."""
 
@@ -245,9 +247,8 @@ def _named(row: Row, table: HeadTable, body: Body) -> tuple[tuple[Column, ...], 
     if more <= 0:
         names = (*cells, *[""] * trailing)[:width]
         return tuple(map(named_column, names)), notes if any(cells[width:]) else []
-    is_dated = body.types[0].kind == "stamp" or all(
-        float(row[0]) > 1e9 for _, row in body.rows if is_number(row[0])
-    )
+    since = parse_number(body.rows[0][1][0], table.form.decimal) or 0.0
+    is_dated = body.types[0].kind == "stamp" or since > _SINCE_1970
     if len(cells) == width - 1 and is_dated and not time_name(named_column(cells[0])).strength:
         return (Column(""), *map(named_column, cells)), notes
     if len(cells) == width - 1 and _are_row_names(cells[0], body):
