@@ -13,7 +13,6 @@ import zlib
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from datetime import datetime
 from functools import partial
 from pathlib import Path
 from typing import Any, cast
@@ -33,6 +32,7 @@ from kalscope.sources.containers.table import (
     load_library,
     refuse_part,
 )
+from kalscope.sources.grammar.stamps import parse_calendar
 
 # Named arrays, as MATLAB, HDF5 and TDMS files hold them: those of one group and one length form a table.
 
@@ -452,9 +452,9 @@ def read_edf(path: Path, name: str, part: str | None, progress: Progress) -> Tab
         fields = [[file.read(size).decode("latin-1").strip() for _ in range(count)] for size in _EDF_FIELDS]
     if head[192:197] == "EDF+D":
         raise BadFile(f"{name} must be one continuous recording (got EDF+D, whose records may have pauses)")
-    start, begin, seconds = None, int(head[184:192]), float(head[244:252])
-    with suppress(ValueError):
-        start = _seconds(np.datetime64(datetime.strptime(head[168:184], "%d.%m.%y%H.%M.%S")))
+    begin, seconds = int(head[184:192]), float(head[244:252])
+    stamp = parse_calendar(f"{head[168:176]} {head[176:184]}", "dmy")
+    start = None if stamp is None else stamp / 1e6
     stops = np.cumsum([0, *map(int, fields[8])]).tolist()
     shape = (path.stat().st_size - begin) // (2 * stops[-1]), stops[-1]
     data = np.memmap(path, "<i2", "r", begin, shape)

@@ -18,6 +18,7 @@ from kalscope.common.numbers import Array
 from kalscope.common.progress import Progress
 from kalscope.sources.containers.table import Part, Text, choose_part
 from kalscope.sources.grammar.cells import parse_number
+from kalscope.sources.grammar.stamps import parse_calendar
 
 _X = "X_Value"
 """Name of the columns of x."""
@@ -45,12 +46,9 @@ class _Segment:
 
     def start(self, column: int) -> float | None:
         """Seconds since 1970 of the start; LabVIEW gives local time without a zone."""
-        try:
-            hour, minute, second = self.tag("Time", column).replace(",", ".").split(":")
-            day = datetime.strptime(self.tag("Date", column), "%Y/%m/%d") - _EPOCH
-            return (day + timedelta(hours=int(hour), minutes=int(minute), seconds=float(second))).total_seconds()
-        except (ValueError, OverflowError):
-            return None
+        clock = self.tag("Time", column).replace(",", ".")[:15]  # to the microsecond
+        stamp = parse_calendar(f"{self.tag('Date', column)} {clock}")
+        return None if stamp is None else stamp / 1e6
 
     def axes(self, decimal: str) -> Iterable[tuple[list[int], Array | None, float]]:
         """(columns, seconds of each row, step) of the channels of each x axis; None, where they have no time.
