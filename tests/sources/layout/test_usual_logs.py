@@ -304,11 +304,6 @@ LOGS = {
         None,
     ),
     "Mathematica": (rows(lambda i: f"{{{i / 4}, {A[i]}}},\n"), {"value 1": ("", A)}, 0.25),
-    "hours and minutes in French": (
-        "Date;Heure;Temp\n" + rows(lambda i: f"17/03/2024;{clock(i, 60)[:5].replace(':', 'h')};{german(A[i])}\n"),
-        {"Temp": ("", A)},
-        60,
-    ),
     "RRDtool: no name above the time": (
         "             temp       hum\n\n" + rows(lambda i: f"{1710664200 + 300 * i}: {A[i]:.4e} {B[i]:.6e}\n"),
         {"temp": ("", A), "hum": ("", B)},
@@ -324,11 +319,6 @@ LOGS = {
         {"value": ("", A)},
         60,
     ),
-    "RTClib": (
-        rows(lambda i: f"2024/3/7 (Sunday) 8:3:{i},{A[i]}\n"),
-        {"value 1": ("", A)},
-        1,
-    ),
     "pairs with a bar between": (
         rows(lambda i: f"Angle: x= {A[i]} |\ty= {B[i]} |\n"),
         {"Angle: x": ("", A), "Angle: y": ("", B)},
@@ -340,11 +330,6 @@ LOGS = {
         "dt:\n0.001\t0.001\ndata:\n" + rows(lambda i: f"{A[i]:.3E}\t{B[i]:.6E}\n"),
         {"value 2": ("", B)},
         0.001,
-    ),
-    "dates in Chinese": (
-        "时间,温度\n" + rows(lambda i: f"2024年03月17日 {clock(i)},{A[i]}\n"),
-        {"温度": ("", A)},
-        10,
     ),
     "JSON: columns of data": (
         json.dumps({"time": {"data": list(range(N))}, "hr": {"data": A, "size": N}}),
