@@ -261,6 +261,16 @@ LOGS = {
         1.001,
     ),
     "a count and a colon": (rows(lambda i: f"{i * 100}: SP=30.0 PV={A[i]} OUT=4%\n"), {"PV": ("", A)}, 0.1),
+    **{
+        f"a stamp written {stamp}": (
+            rows(lambda i, s=stamp: f"{s.format(i * 10)}T: {A[i]} C\n"),
+            {"T": ("C", A)},
+            0.01,
+        )
+        for stamp in ("{}ms ", "[{}ms] ", "({}ms) ")
+    },
+    "a clock and a bar": (rows(lambda i: f"{clock(i)} | T={A[i]} | H={B[i]}\n"), {"T": ("", A), "H": ("", B)}, 10),
+    "a table in bars": (rows(lambda i: f"| {i / 10} | {A[i]} |\n"), {"value 1": ("", A)}, 0.1),
     "a count with its unit": (rows(lambda i: f"{i * 10} ms: T= {A[i]} C\n"), {"T": ("C", A)}, 0.01),
     "time in pairs with its unit": (rows(lambda i: f"time: {i * 10} ms, t2: {A[i]} C\n"), {"t2": ("C", A)}, 0.01),
     "Keithley": (rows(lambda i: f"+{A[i]:.4E}VDC,+{i * 0.1:08.3f}SECS\n"), {"value 1": ("VDC", A)}, 0.1),

@@ -89,7 +89,7 @@ def _is_json_document(head: bytes, name: str) -> bool:
         return inside == "{" or (inside == "[" and name.endswith(".json"))
     lines = [line for line in text.replace("\r", "\n").split("\n") if line.strip("\0 \t")][:_MAX_LINES]
     # The first line may be torn, so other lines must show what the file is.
-    return len(lines) == 1 or sum(find_object(line) is not None for line in lines) < 2
+    return len(lines) == 1 or sum(find_object(line.rstrip(" \t,")) is not None for line in lines) < 2
 
 
 _CONTAINERS = (

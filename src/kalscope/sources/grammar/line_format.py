@@ -112,7 +112,7 @@ def find_labels(line: str) -> Pairs | None:
         return None  # a number and no letter, as in a table with a clock
     text = _LEVEL.sub("", line.strip().removeprefix(">"), count=1)
     if text.startswith("{"):
-        return find_object(text)
+        return find_object(text.removesuffix(","))
     found = _logged(text)
     text = text.replace(" *C", " C").replace(" *F", " F")  # boards that lack a degree sign
     for mark in ("=", ":") if text.count('"') % 2 == 0 else ():
@@ -222,19 +222,22 @@ _STAMP = (
     r"[0-9]{1,2}:[0-9]{2}:[0-9]{2}(?:[.,][0-9]{1,9}(?:,[0-9]{3})?)?)"
 )
 # The Arduino IDE writes "->", PlatformIO's monitor ">", screen and grabserial " - ", others brackets or ": ".
-_AFTER_STAMP = r"(?:[ \t]{0,4}-?>|:(?=[ \t])|[ \t]-(?=[ \t]|$))"
+_AFTER_STAMP = r"(?:[ \t]{0,4}-?>|:(?=[ \t])|[ \t][-|](?=[ \t]|$))"
 _AFTER_BRACKET = r"[ \t]?(?:->|[>:]|-(?=[ \t]))?"
 _LINE_STAMP = re.compile(
     rf"(?:[0-9]{{2}}> |[ \t]{{0,8}})(?:{_STAMP}{_AFTER_STAMP}|\[{_STAMP}\]{_AFTER_BRACKET})[ \t]?(.*)", re.DOTALL
 )
 _ZONE = r"(?:Z|[+-][0-9]{2}:?[0-9]{2})?"
 _BARE_STAMP = re.compile(
-    rf"[ \t]{{0,8}}({_STAMP[1:-1]}{_ZONE}|[0-9]{{1,14}}(?:\.[0-9]{{1,9}})?(?: ?[mµu]?s(?=:))?):?[ \t]+([A-Za-z].*)",
+    rf"[ \t]{{0,8}}({_STAMP[1:-1]}{_ZONE}|[0-9]{{1,14}}(?:\.[0-9]{{1,9}})?(?:[mµu]?s|[ ][mµu]?s(?=:))?)(?::|[ ]-)?"
+    r"[ \t]+([A-Za-z].*)",
     re.DOTALL,
 )
 """A stamp followed by nothing but blanks, before a label."""
 _COUNTED = re.compile(
-    r"(?:\[[ ]{0,12}([0-9]{1,14}(?:\.[0-9]{1,9})?)\]|[EWIDV] \(([0-9]{1,14})\) [^\s:]{1,40}:)[ \t](.*)", re.DOTALL
+    r"(?:[\[(][ ]{0,12}([0-9]{1,14}(?:\.[0-9]{1,9})?(?:[mµu]?s)?)[\])]|[EWIDV] \(([0-9]{1,14})\) [^\s:]{1,40}:)"
+    r"[ \t](.*)",
+    re.DOTALL,
 )
 """What a kernel and an ESP32 write before a line: `[   12.345]`, `I (12345) sensor:`."""
 _SYSLOG = re.compile(
@@ -323,7 +326,7 @@ def _flags(match: re.Match[str]) -> list[str]:
 
 def split_stamp(line: str) -> tuple[str, str] | None:
     """(`12:00:00.023`, rest) of a line before which a serial monitor wrote its stamp; None for any other line."""
-    if line.startswith(("[", "I (", "D (", "W (", "E (", "V (")) and (match := _COUNTED.fullmatch(line)):
+    if line.startswith(("[", "(", "I (", "D (", "W (", "E (", "V (")) and (match := _COUNTED.fullmatch(line)):
         return match[1] or match[2], match[3]
     if ":" in line[:_STAMP_REACH] and (match := _LINE_STAMP.fullmatch(line)):
         stamp = match[1] or match[2]

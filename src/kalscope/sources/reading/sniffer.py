@@ -236,7 +236,8 @@ def _layout(
     if not header.rows and is_table:
         # Only columns after the last number are empty: `1,,3` has a second channel that is still missing.
         last = max((i for i, column in enumerate(columns) if column.role != "empty"), default=-1)
-        columns[:last] = [replace(c, role="channel") if c.role == "empty" else c for c in columns[:last]]
+        begin = int(table.form.delimiter == "|")  # `| 1 | 2 |` has no column in front
+        columns[begin:last] = [replace(c, role="channel") if c.role == "empty" else c for c in columns[begin:last]]
     cells = [row for _, row in body.rows]
     if table.form.stamped:
         stamps = {line.number: line.stamp for line in lines}
