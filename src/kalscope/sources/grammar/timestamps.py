@@ -14,7 +14,7 @@ import numpy as np
 from kalscope.common.numbers import Array
 from kalscope.errors import BadSetting
 from kalscope.recording import Assumption
-from kalscope.sources.grammar.cells import MISSING, parse_number
+from kalscope.sources.grammar.cells import MISSING, UNIT_OF_WORD, parse_number, split_measure
 from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
 
 # Words in calendar stamps: months and weekdays in English, German, French and Spanish, and names of time zones.
@@ -92,6 +92,7 @@ def parse_clock(cell: str) -> float | None:
     if len(cell) > MAX_STAMP_LENGTH:
         return None
     quick = _quick_clock(cell)
+    cell = cell.replace("h", ":", 1) if cell[1:3].strip("0123456789")[:1] == "h" else cell  # 8h30
     match = _CLOCK.fullmatch(cell) if quick is None else None
     return quick if match is None else _clock_of(match.groups())
 
@@ -188,6 +189,8 @@ _YEAR_LAST = re.compile(
     rf"^((?:[^\W\d_]{{2,10}}[.,]? )?{_WORD} {{1,2}}[0-9]{{1,2}}),? ([0-9]{{1,2}}:.{{2,40}}) ([0-9]{{4}})\Z"
 )
 _CLOCK_FIRST = re.compile(r"^([0-9]{1,2}:.{2,24}?),? ([0-9]{1,4}[-/.][0-9]{1,2}[-/.][0-9]{1,4})")
+_WEEKDAY_BETWEEN = re.compile(r"(?<=[0-9]) \([A-Za-z]{3,10}\) ")
+_CHINESE = str.maketrans({"年": "-", "月": "-", "日": "", "时": ":", "時": ":", "分": ":", "秒": ""})
 _MONTH = re.compile(r"[12][0-9]{3}[-/][0-9]{1,2}")
 
 
@@ -240,6 +243,8 @@ def _parse_other(cell: str, order: DateOrder) -> float | None:
     """A stamp in any other shape."""
     if len(cell) == 6 and cell.isascii() and cell.isdecimal():
         return _day(cell[:2], cell[2:4], cell[4:], order)
+    if "(" in cell or not cell.isascii():
+        cell = _WEEKDAY_BETWEEN.sub(" ", cell.translate(_CHINESE).rstrip(":"))
     if cell[:1].isalpha():
         cell = _YEAR_LAST.sub(r"\1 \3 \2", cell)
     elif ":" in cell[1:3]:
@@ -648,15 +653,13 @@ def row_stamp_parser(column: TimeColumn, decimal: str) -> Callable[[Sequence[str
     last = [column.day]
 
     def parse_parts(cells: Sequence[str]) -> float | None:
-        day = 0.0
+        day, parts = 0.0, _sum_of_parts(cells, numbers, decimal)
         if date_at is not None:
             found = parse_date(cells[date_at])
             last[0] = last[0] if found is None else found  # a broken date is that of the row before
             day = last[0]
-        if numbers:
-            day = _sum_of_parts(cells, numbers, decimal)
         since = 0.0 if clock_at is None else parse_clock(cells[clock_at])
-        return None if day is None or since is None else day + since
+        return None if day is None or parts is None or since is None else day + parts + since
 
     return parse_parts
 
@@ -664,7 +667,7 @@ def row_stamp_parser(column: TimeColumn, decimal: str) -> Callable[[Sequence[str
 def _sum_of_parts(
     cells: Sequence[str], numbers: list[tuple[PartRole, int, float, float]], decimal: str
 ) -> float | None:
-    """Microseconds from 1970 to the moment of a year and other parts; None where one is missing or out of range."""
+    """Microseconds from 1970 to a year and other parts, from midnight without a year; None: a part is damaged."""
     part: dict[PartRole, float] = {}
     since = 0.0
     for role, i, low, high in numbers:
@@ -680,6 +683,8 @@ def _sum_of_parts(
             since += round(value * _PART_US[role])
         else:
             part[role] = value
+    if not part:
+        return since
     if "day of year" in part:
         start = day_us(int(part["year"]), 1, 1)
         since += (part["day of year"] - 1) * DAY_US
@@ -699,6 +704,8 @@ def stamp_parser(column: TimeColumn, decimal: str) -> StampParser:
 
     def parse(cell: str) -> float | None:
         value = parse_number(cell, decimal)
+        if value is None and (measure := split_measure(cell)) and measure[1].lower() in UNIT_OF_WORD:
+            value = parse_number(measure[0], decimal)  # 10 ms
         # NaN fails the comparison as well.
         return value if value is not None and abs(value) <= _MAX_STAMP else None
 

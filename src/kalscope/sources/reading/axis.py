@@ -612,6 +612,8 @@ _STAMPS = {
 }
 _SURE = 1e-4
 """A standard error below this share of the rate is not reported."""
+_UNSURE = 0.01
+"""A rate by a coarse clock with a larger standard error is an assumption."""
 _ALIKE = 0.02
 """Rates of the file and of the stamps that differ by more contradict each other."""
 
@@ -641,7 +643,9 @@ def _about_stamps(timing: Timing, sure: str, stated: float | None) -> list[str]:
     rate, notes = f"{sample_rate(own)}{sure}", list[str]()
     if timing.stamps == "coarse":
         clock = f"the clock has a resolution of {duration(timing.resolution)}"
-        notes = [f"{clock}: samples were placed evenly between its steps, {rate}"]
+        said = f"{clock}: samples were placed evenly between its steps, {rate}"
+        # Rows that were written twice look the same.
+        notes = [Assumption(said) if timing.error is not None and timing.error > _UNSURE else said]
     elif timing.stamps == "bursts":
         notes = [f"the stamps come in bursts: samples were placed evenly in time, {rate}"]
     elif timing.error is None:

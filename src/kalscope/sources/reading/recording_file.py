@@ -127,6 +127,7 @@ def _surety(value: float) -> int:
     return int(is_round or value in _UNSURE)
 
 
+@np.errstate(over="ignore", invalid="ignore")  # near the ends of float64
 def _stands_out(samples: Array, rest: Array, value: float, sure: int) -> bool:
     """Whether a code occurs often enough, far from the rest, and, unless it is sure, only for moments."""
     here, rest = samples == value, rest[rest != value]
