@@ -108,11 +108,8 @@ def _split(line: str, delimiter: str) -> list[str]:
         if cells and cells[0][-1:] == ":" and cells[0][:-1].isdecimal():
             cells[0] = cells[0][:-1]  # RRDtool
         # `21,5, 40,2` and `26.69C, 40%` are separated by a comma and a blank.
-        return (
-            [cell.rstrip(",;") or cell for cell in cells]
-            if ", " in text or "; " in text or text[-1:] == ","
-            else cells
-        )
+        is_listed = ", " in text or "; " in text or text[-1:] == ","
+        return [cell.rstrip(",;") or cell for cell in cells] if is_listed else cells
     cells = [cell.strip(" \t") for cell in text.split(delimiter)]
     if "'" in text:  # PhysioNet: 'Elapsed time','MLII'
         cells = [cell[1:-1] if len(cell) > 1 and cell[0] == cell[-1] == "'" else cell for cell in cells]

@@ -324,7 +324,6 @@ def split_stamp(line: str) -> tuple[str, str] | None:
     if match:
         stamp, rest = (group for group in match.groups() if group is not None)
         return stamp.replace(",", "") if "." in stamp else stamp, rest  # Zephyr writes 00:00:01.234,567
-        return match[1], match[2]
     match = _BARE_STAMP.fullmatch(line) if line[:1] in _DIGITS_OR_BLANKS else None
     if match is None:
         return None

@@ -265,12 +265,8 @@ def _with_rest(day: float, rest: str) -> float | None:
     if match is None:
         return None
     *clock, zone, sign, hours, minutes = match.groups()
-    since, ahead, h, m = (
-        _clock_of(clock),
-        _HOURS_OF_ZONE.get((zone or "Z").upper()),
-        int(hours or 0),
-        int(minutes or 0),
-    )
+    since, ahead = _clock_of(clock), _HOURS_OF_ZONE.get((zone or "Z").upper())
+    h, m = int(hours or 0), int(minutes or 0)
     if since is None or ahead is None or h > 18 or m > 59:
         return None
     return day + since - ahead * 3600e6 - (h * 3600 + m * 60) * (-1e6 if sign == "-" else 1e6)
@@ -291,12 +287,8 @@ def _day(first: str, second: str, third: str, order: DateOrder) -> float | None:
     """Microseconds from 1970 to the day of three parts; the month may be a name."""
     part = dict(zip(order, (first, second, third), strict=True))
     year, month, day = part["y"], part["m"], part["d"]
-    if (
-        len(year) not in (2, 4)
-        or (len(year) == 4 and year < "0100")
-        or len(day) > 2
-        or (len(month) > 2 and month.isdecimal())
-    ):
+    is_year = len(year) == 2 or (len(year) == 4 and year >= "0100")
+    if not is_year or len(day) > 2 or (len(month) > 2 and month.isdecimal()):
         return None
     return day_us(int(year), int(month) if month.isdecimal() else month_of(month), int(day))
 
@@ -417,9 +409,8 @@ def judge(stamps: Array, turn: float = 0.0) -> Evidence:
         return Evidence(fill, distinct=0.0 if steps.size else 1.0)
     steps = steps if ahead >= back else -steps
     usual = float(np.median(np.abs(steps[steps != 0])))
-    even, exact = (
-        float(np.mean(np.abs(steps - usual) <= share * usual)) for share in (_EVEN_WITHIN, _EXACT_WITHIN)
-    )
+    off = np.abs(steps - usual) / usual
+    even, exact = (float(np.mean(off <= share)) for share in (_EVEN_WITHIN, _EXACT_WITHIN))
     share = min(ahead, back) / moving
     if share > MAX_BACK and in_order_is_even(read):
         share = MAX_BACK
@@ -504,9 +495,8 @@ def find_stamp_form(
     if options.day_first is not None:
         orders = ("ymd", "dmy") if options.day_first else ("ymd", "mdy")
     # In a column that is named as a date, 17.05.24 is not a clock.
-    dates = (
-        fitting(*(TimeColumn(0, "calendar", order=order) for order in orders)) if name.is_date or not clocks else {}
-    )
+    may_be = [TimeColumn(0, "calendar", order=order) for order in orders if name.is_date or not clocks]
+    dates = fitting(*may_be)
     if dates:
         return _calendar(dates, present[0], decided=options.day_first is not None)
     if clocks:
@@ -647,13 +637,10 @@ def row_stamp_parser(column: TimeColumn, decimal: str) -> Callable[[Sequence[str
     places = dict(column.parts)
     date_at, clock_at = places.pop("date", None), places.pop("clock", None)
     parse_date, parse_clock = stamp_parser(replace(column, kind="calendar"), decimal), CLOCK_PARSERS[column.clock]
-    numbers: list[tuple[PartRole, int, float, float]] = [
-        (role, i, *PART_RANGES[role]) for role, i in places.items()
-    ]
     last = [column.day]
 
     def parse_parts(cells: Sequence[str]) -> float | None:
-        day, parts = 0.0, _sum_of_parts(cells, numbers, decimal)
+        day, parts = 0.0, _sum_of_parts(cells, places, decimal)
         if date_at is not None:
             found = parse_date(cells[date_at])
             last[0] = last[0] if found is None else found  # a broken date is that of the row before
@@ -664,20 +651,15 @@ def row_stamp_parser(column: TimeColumn, decimal: str) -> Callable[[Sequence[str
     return parse_parts
 
 
-def _sum_of_parts(
-    cells: Sequence[str], numbers: list[tuple[PartRole, int, float, float]], decimal: str
-) -> float | None:
+def _sum_of_parts(cells: Sequence[str], places: dict[PartRole, int], decimal: str) -> float | None:
     """Microseconds from 1970 to a year and other parts, from midnight without a year; None: a part is damaged."""
     part: dict[PartRole, float] = {}
     since = 0.0
-    for role, i, low, high in numbers:
-        cell = cells[i]
+    for role, i in places.items():
+        cell, (low, high) = cells[i], PART_RANGES[role]
         value = float(cell) if cell.isascii() and cell.isdecimal() else parse_number(cell, decimal)
-        if value is None or not (
-            low <= value <= high or (role == "year" and 0 <= value < 100)
-        ):  # NaN is in no range
-            return None
-        if value % 1 and role != "second":
+        least = 0.0 if role == "year" and value is not None and value < 100 else low
+        if value is None or not least <= value <= high or (value % 1 and role != "second"):  # NaN is in no range
             return None
         if role in _PART_US:
             since += round(value * _PART_US[role])

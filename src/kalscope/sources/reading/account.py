@@ -156,11 +156,14 @@ MAX_TEXT = 60
 MAX_LINES, MAX_LINE = 2000, 16_384
 """Lines that are looked at for the reason, and characters of each."""
 
-_MARKUP = {
-    ("<!doctype html", "<html", "<head", "<body"): "a web page: download the file itself",
-    ("<?xml", "<gpx", "<kml"): "an XML document: export it as CSV",
+_NO_TABLES = {
+    re.compile(r"<(?:!doctype html|html|head|body)", re.IGNORECASE): "a web page: download the file itself",
+    re.compile(r"<(?:\?xml|gpx|kml)", re.IGNORECASE): "an XML document: export it as CSV",
+    re.compile(r"(?:\([0-9.]{1,20}\))?\s{0,9}v?can[0-9]{1,3}\s+[0-9A-Fa-f]{3,8}(?:#|\s+\[[0-9]+\])"): (
+        "a frame of candump: cantools decode --single-line FILE.dbc writes the signals that FILE.dbc describes"
+    ),
 }
-_CANDUMP = re.compile(r"(?:\([0-9.]{1,20}\))?\s{0,9}v?can[0-9]{1,3}\s+[0-9A-Fa-f]{3,8}(?:#|\s+\[[0-9]+\])")
+"""How a text begins that is no table, and what it is."""
 _TRIES = {
     "must have a readable": "--time-format, or --time-column none",
     "must have": "--delimiter, --decimal or --header-row",
@@ -169,11 +172,11 @@ _TRIES = {
 """What to try, by how the reason of a rejected line begins."""
 
 
-def refuse_markup(name: str, lines: Sequence[str]) -> None:
-    """Raise BadFile where a text begins as a web page or an XML document: its lines may still hold numbers."""
+def refuse_foreign(name: str, lines: Sequence[str]) -> None:
+    """Raise BadFile where a text begins as a web page, an XML document or frames: they may hold numbers as well."""
     number, line = next(((i, line.strip()) for i, line in enumerate(lines, 1) if line.strip()), (0, ""))
-    for starts, what in _MARKUP.items():
-        if line[:MAX_TEXT].lstrip("\ufeff").lower().startswith(starts):
+    for start, what in _NO_TABLES.items():
+        if start.match(line[:MAX_TEXT].lstrip("\ufeff")):
             raise BadFile(f"{name} must be a table of numbers (got, in line {number}, {_quoted(line)}: {what})")
 
 
@@ -188,8 +191,6 @@ def no_table(name: str, lines: Sequence[str], options: ReadOptions) -> BadFile:
         return BadFile(
             f"{name} must hold numbers below its header (got only line {said[0][0]}: {_quoted(said[0][1])})"
         )
-    if _CANDUMP.match(text):
-        return _raw_frames(name)
     mark = max(DELIMITERS, key=lambda mark: sum(_numbers(line, mark) for _, line in said))
     widths: dict[int, int] = {}
     for number, line in said:
@@ -215,18 +216,9 @@ def no_table(name: str, lines: Sequence[str], options: ReadOptions) -> BadFile:
 def no_channel(name: str, lines: Sequence[str]) -> BadFile:
     """The refusal of a table that has only a time."""
     last = next((line.strip() for line in reversed(lines) if not is_blank(line) and not is_comment(line)), "")
-    if _CANDUMP.match(last):
-        return _raw_frames(name)
     return BadFile(
         f"{name} must hold a column of numbers besides the time (got only text, as in {_quoted(last)}): try"
         " --decimal, or --time-column none where the time is the signal"
-    )
-
-
-def _raw_frames(name: str) -> BadFile:
-    return BadFile(
-        f"{name} must be a table of numbers (got raw frames of candump): cantools decode --single-line FILE.dbc"
-        " writes their signals, where FILE.dbc describes them"
     )
 
 

@@ -6,7 +6,7 @@ import re
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
+from itertools import pairwise, product
 from typing import Literal, NamedTuple
 
 from kalscope.errors import BadSetting
@@ -409,11 +409,7 @@ def number_form(
     if all(kinds[cell] in ("number", "measure") for cell in numeric) and all(map(simple.fits, numeric)):
         return simple, None  # 20.271C is no more in doubt than 20.271
     # "1,234" above "2,345": English thousands rather than decimal commas.
-    marks = [
-        (kinds.decimal, False),
-        (kinds.decimal, True),
-        *((OTHER_MARK[kinds.decimal], n) for n in (False, True)),
-    ]
+    marks = product((kinds.decimal, OTHER_MARK[kinds.decimal]), (False, True))
     forms = [NumberForm(mark, grouped, suffix) for mark, grouped in marks if not wanted or mark == wanted]
     counts = {form: sum(map(form.fits, numeric)) for form in forms}
     best = max(forms, key=lambda form: counts[form])
@@ -479,10 +475,8 @@ def mark_series(
     names = [i for i in texts if bases[i] in _NAMES and i not in values]
     numbers = [i for i, column in enumerate(columns) if column.role == "channel" and i not in (*times, *values)]
     if len(values) != 1 or not names or (numbers and not by_field) or len(rows) < _MIN_ROWS:
-        key = next(
-            (i for i in range(len(columns)) if i not in times and _is_key(i, columns, bases, rows, times)), None
-        )
-        if key is None:
+        keys = (i for i in range(len(columns)) if i not in times and _is_key(i, columns, bases, rows, times))
+        if (key := next(keys, None)) is None:
             return columns, []
         columns = [replace(column, role="series") if i == key else column for i, column in enumerate(columns)]
         count, named = len({row[key] for row in rows}), columns[key].name or f"column {key + 1}"
@@ -492,11 +486,8 @@ def mark_series(
     distinct = {tuple(row[i] for i in series) for row in rows}
     if len(distinct) > len(rows) / 2 or not any(is_number(row[values[0]], decimal) for row in rows):
         return columns, []
-    roles: dict[int, Role] = {
-        **dict.fromkeys(numbers, "text"),
-        **dict.fromkeys(series, "series"),
-        values[0]: "channel",
-    }
+    roles: dict[int, Role] = dict.fromkeys(numbers, "text")
+    roles |= {**dict.fromkeys(series, "series"), values[0]: "channel"}
     columns = [replace(column, role=roles.get(i, column.role)) for i, column in enumerate(columns)]
     said = ", ".join(f'"{columns[i].name}"' for i in series)
     return columns, [f"each row holds one value, named by {said}"]

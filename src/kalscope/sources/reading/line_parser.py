@@ -224,10 +224,8 @@ class LineParser:
         if self._settled and not plot.only_names and plot.name not in self._seen_once:
             self._seen_once.append(plot.name)
             return
-        form, columns = (
-            replace(layout.form, labels=(*labels, plot.name)),
-            (*layout.columns, Column(plot.name, plot.unit)),
-        )
+        form = replace(layout.form, labels=(*labels, plot.name))
+        columns = (*layout.columns, Column(plot.name, plot.unit))
         self._reader = LineReader(replace(layout, form=form, columns=columns), self._options)
 
     def prime(self, lines: Sequence[str]) -> None:

@@ -222,13 +222,12 @@ def read_header(
     spare = table.form.delimiter != " "  # `seconds pressure` below a sentence are names themselves
     level = (len(row[1]) <= len(upper[1]) + spare for row, upper in pairwise(above))
     place = next((i for i, fits in enumerate(level) if fits and are_units(above[i][1])), -1)
-    # `Unix,CAL,CAL` above the units only says what was done to each column.
     said = [{cell.lower() for cell in cells} for _, cells in above]
-    told = (
-        i
-        for i in range(place + 1, len(above))
-        if 2 * len(said[i] & _PROCESSING) < len(said[i]) and not all(cell[:1].isdecimal() for cell in said[i])
-    )  # `5s 15s 20d` of the USGS are widths
+    # `Unix,CAL,CAL` above the units only says what was done to each column; `5s 15s 20d` of the USGS are widths.
+    idle = [
+        2 * len(found & _PROCESSING) >= len(found) or all(cell[:1].isdecimal() for cell in found) for found in said
+    ]
+    told = (i for i in range(place + 1, len(above)) if not idle[i])
     rows = above[: next(told, place + 1) + 1]
     unit_row = above[place] if place >= 0 else None
     if plan.preface.unit_row is not None:

@@ -208,11 +208,8 @@ class _Grid:
         data = [i for i, line in enumerate(lines) if i >= best and line.fit in ("row", "partial")]
         if not data:
             return self._table.rows[0][0]
-        start = (
-            data[0]
-            if best
-            else next((i for i in data if not self._is_label(lines[max(0, i - 1) : i + 1])), data[0])
-        )
+        likely = (i for i in data if best or not self._is_label(lines[max(0, i - 1) : i + 1]))
+        start = next(likely, data[0])
         while start and (lines[start - 1].fit == "void" or self._repeats(lines[max(0, start - 2) : start + 1])):
             start -= 1
         return lines[start].number
@@ -354,14 +351,8 @@ def candidate_lines(head: Sequence[str], after: int = 0) -> tuple[list[HeadLine]
         head: The first lines, and those from further down.
         after: Line number above the first that may hold data.
     """
-    texts = enumerate(head[after:], after + 1)
-    lines = shaped(
-        [
-            HeadLine(i, text)
-            for i, text in texts
-            if not (is_blank(text) or is_comment(text) or SCALE.fullmatch(text))
-        ]
-    )
+    numbered = [HeadLine(i, text) for i, text in enumerate(head[after:], after + 1) if not SCALE.fullmatch(text)]
+    lines = shaped([line for line in numbered if not is_blank(line.text) and not is_comment(line.text)])
     some = first_of_each_shape(lines)
     stamped = {shape for shape, texts in some.items() if split_stamp(texts[0])}
     is_stamped = sum(line.shape in stamped for line in lines) > len(lines) / 2
@@ -421,9 +412,8 @@ def _as_table(
     kinds: CellKinds,
 ) -> HeadTable | None:
     """The lines of the commonest width, weighed by how much they look like data."""
-    likely = {
-        shape: sum(likeness(split(text), kinds) for text in texts) / len(texts) for shape, texts in some.items()
-    }
+    shares = {shape: [likeness(split(text), kinds) for text in texts] for shape, texts in some.items()}
+    likely = {shape: sum(found) / len(found) for shape, found in shares.items()}
     # Quotes and delimiters are the same in all lines of a shape.
     widths = {shape: len(split(texts[0])) for shape, texts in some.items()}
     weight: Counter[int] = Counter()
@@ -472,10 +462,8 @@ def _grown_width(rows: list[Row], above: Iterable[Row], width: int, kinds: CellK
     for run in runs:
         if len(run) >= (MIN_NAMED_RUN if named == widest else MIN_RUN):
             long.setdefault(len(run[0][1]), []).extend(run[:MAX_JUDGED])
-    if rows and width < named == len(
-        rows[0][1]
-    ):  # the first row alone holds what is the same in all: a serial number
-        long.setdefault(named, rows[:1])
+    if rows and width < named == len(rows[0][1]):
+        long.setdefault(named, rows[:1])  # it alone holds what is the same in all: a serial number
     if len(long) < 2 or width not in long:
         return width, frozenset()
     types, widest = {w: _types(some, w, kinds) for w, some in long.items()}, max(long)

@@ -418,10 +418,9 @@ def _with_repeated(column: TimeColumn, columns: list[Column], rows: list[Cells],
         return column
     stamps = zip(stamps_of(column, rows, decimal).tolist(), rows, strict=True)
     moments = [((_EPOCH + timedelta(microseconds=at)).timetuple(), row) for at, row in stamps if abs(at) < _MAX_US]
-    also = [
-        i for i, place in places.items() if all(at[place] == parse_number(row[i], decimal) for at, row in moments)
-    ]
-    return replace(column, also=tuple(i for i in also if moments and i not in column.indices))
+    left = {i: place for i, place in places.items() if moments and i not in column.indices}
+    also = (i for i, at in left.items() if all(m[at] == parse_number(row[i], decimal) for m, row in moments))
+    return replace(column, also=tuple(also))
 
 
 def _sampled(rows: list[Cells]) -> list[Cells]:
