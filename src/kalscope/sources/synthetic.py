@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, fields
-from typing import Any, cast
+from typing import Any
 from urllib.parse import urlencode
 
 import numpy as np
@@ -70,21 +70,23 @@ class SignalSettings:
             if getattr(self, name) not in choices:
                 raise BadSetting(f"{name} must be one of {', '.join(choices)} (got {getattr(self, name)!r})")
         for name, low, high in _RANGES:
-            _check(name, getattr(self, name), low, high)
+            value: Any = getattr(self, name)
+            several = name in _SEVERAL
+            if several and type(value) not in (tuple, type(None)):
+                raise BadSetting(f"{name} must be several numbers (got {value!r})")
+            for one in (value or ()) if several else (value,):
+                _check(name, one, low, high)
+        if self.limits is not None and not (len(self.limits) == 2 and self.limits[0] < self.limits[1]):
+            raise BadSetting(f"limits must be two numbers, lowest and highest (got {self.limits!r})")
+        if not 1 <= self.columns <= MAX_CHANNELS:
+            raise BadSetting(f"sigmas must be 1 to {MAX_CHANNELS} numbers, one per sensor (got {self.sigmas!r})")
         if self.sigmas is not None and self.channels != 1:
             raise BadSetting(f"channels must be left out where sigmas gives a channel each (got {self.channels})")
-        for name, low, high in _OF_EACH_SENSOR:
-            if (values := getattr(self, name)) is not None:
-                _check_each(name, values, low, high, self.sigmas)
+        for name, given in (("offsets", self.offsets), ("every", self.every)):
+            if given is not None and len(given) != len(self.sigmas or ()):
+                raise BadSetting(f"{name} must have a number for each of sigmas, {self.sigmas} (got {given!r})")
         if self.n * self.columns > MAX_SAMPLES:
             raise BadSetting(f"n * channels must be at most {MAX_SAMPLES} (got {self.n * self.columns})")
-        if self.limits is not None:
-            limits: Any = self.limits
-            limits = cast("tuple[Any, ...]", limits) if isinstance(limits, tuple) else ()
-            for value in limits:
-                _check("limits", value, -MAX_SETTING, MAX_SETTING)
-            if len(limits) != 2 or not limits[0] < limits[1]:
-                raise BadSetting(f"limits must be two numbers, lowest and highest (got {self.limits!r})")
 
     @property
     def columns(self) -> int:
@@ -94,17 +96,13 @@ class SignalSettings:
     @property
     def spec(self) -> str:
         """What reopens it: `synthetic:SHAPE?…` with the settings that differ from their defaults."""
-        changed: dict[str, Any] = {}
-        for item in fields(self):
-            value = getattr(self, item.name)
-            if item.name != "shape" and value != item.default:
-                changed[item.name] = _text(value)
+        given = {item.name: getattr(self, item.name) for item in fields(self) if item.name != "shape"}
+        changed = {
+            name: ",".join(map(repr, value)) if name in _SEVERAL else value
+            for name, value in given.items()
+            if value != getattr(SignalSettings, name)
+        }
         return f"synthetic:{self.shape}" + ("?" + urlencode(changed, safe=",") if changed else "")
-
-
-def _text(value: Any) -> Any:
-    """A setting as it is written in a source: several numbers separated by commas."""
-    return ",".join(map(repr, cast("tuple[float, ...]", value))) if isinstance(value, tuple) else value
 
 
 MAX_SETTING = 1e50
@@ -124,12 +122,13 @@ _RANGES = (
     ("outlier_size", 0.0, MAX_SETTING),
     ("quantum", 0.0, MAX_SETTING),
     ("drop_outs", 0.0, 1.0),
-)
-_OF_EACH_SENSOR = (
+    ("limits", -MAX_SETTING, MAX_SETTING),
     ("sigmas", 0.0, MAX_SETTING),
     ("offsets", -MAX_SETTING, MAX_SETTING),
     ("every", 1, MAX_SAMPLES),
 )
+_SEVERAL = frozenset(("limits", "sigmas", "offsets", "every"))
+"""Settings of several numbers; None = not given."""
 
 
 def synthesize(shape: str | SignalSettings, **settings: Any) -> Recording:
@@ -174,11 +173,8 @@ def synthesize(shape: str | SignalSettings, **settings: Any) -> Recording:
 def _names(settings: SignalSettings) -> tuple[str, ...]:
     if settings.sigmas is not None:
         return tuple("abcdefghijklmnop"[: settings.columns])
-    return (
-        tuple(f"{settings.shape} {j + 1}" for j in range(settings.channels))
-        if settings.channels > 1
-        else (settings.shape,)
-    )
+    one = settings.channels == 1
+    return (settings.shape,) if one else tuple(f"{settings.shape} {j + 1}" for j in range(settings.channels))
 
 
 def _signal(settings: SignalSettings, time: Array, channel: int, rng: np.random.Generator) -> Array:
@@ -211,15 +207,10 @@ def _triangle(cycles: Array, lag: float) -> Array:
 
 def _chirp(cycles: Array, lag: float) -> Array:
     # Frequency rises linearly from 1/period to 10/period over the record; the phase is its integral.
-    end = cycles[-1] or 1.0
-    return np.sin(2 * np.pi * (np.mod(cycles + 4.5 * cycles * (cycles / end), 1.0) - lag))
+    return _sine(cycles + 4.5 * cycles * (cycles / (cycles[-1] or 1.0)), lag)
 
 
-_PERIODIC: dict[str, Callable[[Array, float], Array]] = {
-    "sine": _sine,
-    "triangle": _triangle,
-    "chirp": _chirp,
-}
+_PERIODIC: dict[str, Callable[[Array, float], Array]] = {"sine": _sine, "triangle": _triangle, "chirp": _chirp}
 
 
 def _measure(truth: Array, settings: SignalSettings, rng: np.random.Generator) -> Array:
@@ -257,24 +248,9 @@ def _unit_noise(noise: str, shape: tuple[int, ...], rng: np.random.Generator) ->
 
 def _check(name: str, value: Any, low: float, high: float) -> None:
     is_whole = isinstance(low, int)
-    kinds = (int, np.integer) if is_whole else (int, float, np.integer, np.floating)
-    if (
-        isinstance(value, bool) or not isinstance(value, kinds) or not low <= value <= high
-    ):  # NaN fails every comparison
+    # A source gives the numbers of `every` as 2.0.
+    kinds: Any = (int, np.integer) if is_whole and name not in _SEVERAL else (int, float, np.integer, np.floating)
+    fits = isinstance(value, kinds) and not isinstance(value, bool) and low <= value <= high  # false for NaN
+    if not fits or (is_whole and value != int(value)):
         what = f"whole number from {low} to {high}" if is_whole else f"number from {low:g} to {high:g}"
         raise BadSetting(f"{name} must be a {what} (got {value!r})")
-
-
-def _check_each(name: str, values: object, low: float, high: float, sigmas: tuple[float, ...] | None) -> None:
-    """A number for each sensor; `sigmas` says how many there are."""
-    each = cast("tuple[Any, ...]", values) if isinstance(values, tuple) else ()
-    if not 1 <= len(each) <= MAX_CHANNELS:
-        raise BadSetting(f"{name} must be 1 to {MAX_CHANNELS} numbers, one per sensor (got {values!r})")
-    if sigmas is None or len(each) != len(sigmas):
-        raise BadSetting(
-            f"{name} must have a number for each of sigmas, {sigmas or 'which is not given'} (got {values!r})"
-        )
-    for value in each:
-        _check(name, value, float(low), high)
-        if isinstance(low, int):
-            _check(name, int(value) if value == int(value) else value, low, high)

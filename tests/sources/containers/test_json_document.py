@@ -32,13 +32,6 @@ def test_a_list_of_objects(read, how):
     assert recording.sample_period == pytest.approx(0.1)
 
 
-def test_the_feeds_of_thingspeak(read):
-    feeds = [{"created_at": f"2024-01-01T00:00:{i:02}Z", "entry_id": i, "field1": str(x)} for i, x in enumerate(X)]
-    recording = read({"channel": {"id": 5, "field1": "Temperature"}, "feeds": feeds})
-    np.testing.assert_array_equal(recording.channel("field1"), X)
-    assert recording.sample_period == 1.0
-
-
 def test_the_pairs_of_prometheus(read):
     result = [
         {
@@ -50,11 +43,6 @@ def test_the_pairs_of_prometheus(read):
     recording = read({"status": "success", "data": {"resultType": "matrix", "result": result}})
     assert (recording.names, recording.sample_period) == (("temp a", "temp b"), 15.0)
     np.testing.assert_array_equal(recording.values[:, 1], X)
-
-
-def test_an_object_of_columns(read):
-    recording = read({"time": [0.1 * i for i in range(12)], "x": X, "name": "log", "nested": [[1, 2]]})
-    assert recording.names == ("x",)
 
 
 def test_the_longest_list_is_read_and_another_by_name(read):

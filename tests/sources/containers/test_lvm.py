@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from each import each
 
-from kalscope.errors import BadFile, BadSetting
+from kalscope.errors import BadSetting
 from kalscope.sources.grammar.read_options import ReadOptions
 from kalscope.sources.reading.recording_file import read_recording
 
@@ -118,16 +118,6 @@ def test_missing_cells_special_blocks_comments_and_latin_1(read):
     assert (recording.names, recording.units) == (("T", "b"), ("°C", ""))
 
 
-def test_cells_of_text_are_counted_and_named(read):
-    text = file_header() + segment(["a", "b"], ROWS[:6])
-    recording = read(text.replace(f"{ROWS[2, 1]:.6f}", "ERR 5").replace(f"{ROWS[4, 0]:.6f}", "NaN"))
-    assert np.flatnonzero(np.isnan(recording.values)).tolist() == [5, 8]
-    report = recording.report
-    assert (report.rows, report.rejected, report.bad_cells) == (6, 0, 1)
-    (issue,) = report.issues
-    assert (issue.line, issue.column, issue.text) == (24, "b", "ERR 5")
-
-
 @pytest.mark.parametrize("x", ["One", "No"])
 def test_segments_without_a_clock_of_their_own_follow_each_other(read, x):
     dated = segment(["a"], ROWS[:5, :1], x=x)
@@ -135,12 +125,6 @@ def test_segments_without_a_clock_of_their_own_follow_each_other(read, x):
     recording = read(file_header(x_columns=x) + 3 * undated)
     np.testing.assert_allclose(recording.time, np.arange(15) * 0.01, atol=1e-9)
     assert any("2024-02-29T23:59:59.5" in note for note in recording.report.notes)
-
-
-@each("cut", [20, 150, 300, 400])
-def test_a_file_cut_in_its_headers_is_refused(read, cut):
-    with pytest.raises(BadFile):
-        read((file_header() + segment(["a", "b"], ROWS))[:cut])
 
 
 @each("x", ["One", "No"])

@@ -1,5 +1,6 @@
 """Logs as loggers, boards and consoles write them: names, units, rate and values are the right ones."""
 
+import json
 import math
 from functools import reduce
 
@@ -199,11 +200,126 @@ LOGS = {
         {"value 256": ("", A)},
         None,
     ),
+    "MQTT: an object in quotes": (
+        rows(
+            lambda i: (
+                f"[2024-03-01 {clock(i)}] info: z2m: topic 'home/0x15', payload '{{\"n\": 1, \"t\": {A[i]}}}'\n"
+            )
+        ),
+        {"t": ("", A)},
+        10,
+    ),
+    "nRF and Zephyr: µs behind ms": (
+        rows(lambda i: f"00> [{clock(i, 1)}.{i:03},250] <info> app: bpm: {A[i]}\n"),
+        {"bpm": ("", A)},
+        1.001,
+    ),
+    "a count and a colon": (rows(lambda i: f"{i * 100}: SP=30.0 PV={A[i]} OUT=4%\n"), {"PV": ("", A)}, 0.1),
+    **{
+        f"a stamp written {stamp}": (
+            rows(lambda i, s=stamp: f"{s.format(i * 10)}T: {A[i]} C\n"),
+            {"T": ("C", A)},
+            0.01,
+        )
+        for stamp in ("{}ms ", "[{}ms] ", "({}ms) ")
+    },
+    "a clock and a bar": (rows(lambda i: f"{clock(i)} | T={A[i]} | H={B[i]}\n"), {"T": ("", A), "H": ("", B)}, 10),
+    "a table in bars": (rows(lambda i: f"| {i / 10} | {A[i]} |\n"), {"value 1": ("", A)}, 0.1),
+    "a count with its unit": (rows(lambda i: f"{i * 10} ms: T= {A[i]} C\n"), {"T": ("C", A)}, 0.01),
+    "time in pairs with its unit": (rows(lambda i: f"time: {i * 10} ms, t2: {A[i]} C\n"), {"t2": ("C", A)}, 0.01),
+    "Keithley": (rows(lambda i: f"+{A[i]:.4E}VDC,+{i * 0.1:08.3f}SECS\n"), {"value 1": ("VDC", A)}, 0.1),
+    "vcgencmd": (rows(lambda i: f"cpu {A[i]}'C load {B[i]}\n"), {"value 1": ("'C", A), "value 2": ("", B)}, None),
+    "Rigol MSO": (
+        "CH1V,CH2V,t0 =-8.5e-05, tInc = 1e-06,\n" + rows(lambda i: f"{A[i]},{B[i]},,\n"),
+        {"CH1V": ("", A), "CH2V": ("", B)},
+        1e-6,
+    ),
+    "EasyLog: a serial number beside the first row": (
+        "EL-USB-2,Time,Celsius(°C),Serial Number\n"
+        + rows(lambda i: f"{i + 1},17/03/2024 {clock(i)},{A[i]}{',010012345' if i == 0 else ''}\n"),
+        {"Celsius": ("°C", A)},
+        10,
+    ),
+    "PhysioNet": (
+        "'Elapsed time','MLII'\n'hh:mm:ss.mmm','mV'\n" + rows(lambda i: f"'0:{i * 0.004:06.3f}',{A[i]}\n"),
+        {"MLII": ("mV", A)},
+        0.004,
+    ),
+    "KNMI: a day and an hour, and a bare mark below the names": (
+        "# STN,YYYYMMDD,   HH,    T\n#\n" + rows(lambda i: f"  260,202403{1 + i // 24:02},{i % 24 + 1:5},{A[i]}\n"),
+        {"T": ("", A)},
+        3600,
+    ),
+    "USGS: widths below the names": (
+        "site\tdatetime\tflow\n15s\t20d\t14n\n" + rows(lambda i: f"0164\t2024-03-01 {clock(i, 900)}\t{A[i]}\n"),
+        {"flow": ("", A)},
+        900,
+    ),
+    "sar: names beside a stamp": (
+        f"Linux 6.1.0 (host) 03/17/24 _x86_64_\n\n{clock(0)} CPU %user %idle\n"
+        + rows(lambda i: f"{clock(i + 1)} all {A[i]} {B[i]}\n"),
+        {"value 1": ("", A), "value 2": ("", B)},
+        10,
+    ),
+    "Octave: a scalar above": (
+        f"# Created by Octave\n# type: scalar\n250\n\n\n# type: matrix\n# rows: {N}\n# columns: 1\n"
+        + rows(lambda i: f" {A[i]}\n"),
+        {"value 1": ("", A)},
+        None,
+    ),
+    "Mathematica": (rows(lambda i: f"{{{i / 4}, {A[i]}}},\n"), {"value 1": ("", A)}, 0.25),
+    "RRDtool: no name above the time": (
+        "             temp       hum\n\n" + rows(lambda i: f"{1710664200 + 300 * i}: {A[i]:.4e} {B[i]:.6e}\n"),
+        {"temp": ("", A), "hum": ("", B)},
+        300,
+    ),
+    "names and units in comments": (
+        "%time  pos  vel\n%s  mm  mm/s\n" + rows(lambda i: f"{i / 100}  {A[i]}  {B[i]}\n"),
+        {"pos": ("mm", A), "vel": ("mm/s", B)},
+        0.01,
+    ),
+    "MATLAB days": (
+        "datenum,value\n" + rows(lambda i: f"{739328.354224537 + i / 1440:.9f},{A[i]}\n"),
+        {"value": ("", A)},
+        60,
+    ),
+    "pairs with a bar between": (
+        rows(lambda i: f"Angle: x= {A[i]} |\ty= {B[i]} |\n"),
+        {"Angle: x": ("", A), "Angle: y": ("", B)},
+        None,
+    ),
+    "a message between marks": (rows(lambda i: f"<{A[i]},{B[i]}>\n"), {"value 2": ("", B)}, None),
+    "a mark at the end": (rows(lambda i: f"$S,{A[i]},{B[i]}#\n"), {"value 2": ("", B)}, None),
+    "LabVIEW: a step above its value": (
+        "dt:\n0.001\t0.001\ndata:\n" + rows(lambda i: f"{A[i]:.3E}\t{B[i]:.6E}\n"),
+        {"value 2": ("", B)},
+        0.001,
+    ),
+    "JSON: columns of data": (
+        json.dumps({"time": {"data": list(range(N))}, "hr": {"data": A, "size": N}}),
+        {"hr": ("", A)},
+        1,
+    ),
+    "JSON: a table in a list of one": (
+        json.dumps({"results": [{"id": 0, "series": [{"columns": ["time", "a"], "values": list(enumerate(A))}]}]}),
+        {"a": ("", A)},
+        1,
+    ),
+    "JSON: lists": (
+        json.dumps([[1709630000000 + 1000 * i, a] for i, a in enumerate(A)]),
+        {"value 1": ("", A)},
+        1,
+    ),
+    "objects on several lines each": (
+        rows(lambda i: f'{{\n  "t": {1710664205 + i},\n  "v": {A[i]}\n}}\n'),
+        {"v": ("", A)},
+        1,
+    ),
 }
 
 
 def read(tmp_path, text, options=DEFAULTS):
-    path = tmp_path / "log.txt"
+    path = tmp_path / ("log.json" if text[:1] == "[" and text[-1:] == "]" else "log.txt")
     path.write_bytes(text.encode())
     return read_recording(path, options)
 
@@ -219,6 +335,18 @@ def test_a_usual_log_is_read_right(tmp_path, name):
     for channel, (unit, values) in channels.items():
         assert recording.units[recording.names.index(channel)] == unit
         np.testing.assert_array_equal(recording.channel(channel), values)
+
+
+def test_a_common_factor_is_named(tmp_path):
+    recording = read(tmp_path, "x =\n\n   1.0e+03 *\n\n" + rows(lambda i: f"   {A[i]}  {B[i]}\n"))
+    assert "the numbers are not multiplied by the 1.0e+03 above them" in recording.report.assumptions
+    np.testing.assert_array_equal(recording.values[:, 0], A)
+
+
+def test_one_signal_written_row_by_row_is_asked_about(tmp_path):
+    values = [A[i % N] for i in range(7 * N)]
+    text = "NPTS= 280\n" + "".join(" ".join(map(str, values[i : i + 7])) + "\n" for i in range(0, len(values), 7))
+    assert any("written row by row" in said for said in read(tmp_path, text).report.assumptions)
 
 
 def test_what_could_be_one_number_or_two_is_asked_about(tmp_path):

@@ -157,6 +157,23 @@ def write_npz(path):
     return path
 
 
+def write_edf(path, kind="EDF+C"):
+    """Three signals, four records of half a second; edfplus.info/specs/edf.html."""
+    signals = [("EEG Fp1", "uV", 50), ("EDF Annotations", "", 8), ("Temp", "degC", 5)]
+
+    def column(width, *values):
+        return "".join(str(value).ljust(width) for value in values)
+
+    head = column(8, 0) + column(80, "X", "Startdate X") + "01.03.2410.00.00" + column(8, 1024) + column(44, kind)
+    head += column(8, 4, 0.5) + column(4, 3)
+    head += column(16, *(name for name, *_ in signals)) + " " * 240 + column(8, *(unit for _, unit, _ in signals))
+    head += column(8, *[-100] * 3, *[100] * 3, *[-2048] * 3, *[2047] * 3) + " " * 240
+    head += column(8, *(n for *_, n in signals)) + " " * 96
+    records = np.arange(4 * 63, dtype="<i2").reshape(4, 63)
+    path.write_bytes(head.encode() + records.tobytes())
+    return path
+
+
 def write_json(path):
     path.write_text(json.dumps([{"t": i * 0.01, "x": x} for i, x in enumerate(X)], indent=1))
     return path
@@ -164,6 +181,7 @@ def write_json(path):
 
 CONTAINERS = {
     "log.mat": write_mat,
+    "log.edf": write_edf,
     "log.h5": write_hdf5,
     "log.tdms": write_tdms,
     "log.xlsx": write_xlsx,

@@ -1,4 +1,4 @@
-"""Named arrays, as NumPy, MATLAB, HDF5, TDMS and Parquet files hold them: those of one length are channels."""
+"""Named arrays, as NumPy, MATLAB, HDF5, TDMS, Parquet and EDF files hold them: those of one length are channels."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import importlib
 import io
 import logging
 import math
+import re
 import struct
 import zipfile
 import zlib
@@ -31,6 +32,7 @@ from kalscope.sources.containers.table import (
     load_library,
     refuse_part,
 )
+from kalscope.sources.grammar.timestamps import parse_calendar
 
 # Named arrays, as MATLAB, HDF5 and TDMS files hold them: those of one group and one length form a table.
 
@@ -140,10 +142,10 @@ def read_arrays(
     """
     groups = _grouped(arrays.items)
     many = {group for group, *_ in groups if sum(group == other for other, *_ in groups) > 1}
-    parts = [
-        Part(_part_name(group, found, alone=group not in many), n, sum(_width(item, n) for item in found))
-        for (group, n), found in groups.items()
-    ]
+    parts: list[Part] = []
+    for (group, n), found in groups.items():
+        label = group if group and group not in many else f"{group}/{found[0].name}".removeprefix("/")
+        parts.append(Part(label, n, sum(_width(item, n) for item in found)))
     chosen, said = choose_part(parts, wanted, name, what)
     (group, n), found = list(groups.items())[chosen]
     if group:  # a time array in the file itself applies to the group as well
@@ -171,18 +173,16 @@ def read_arrays(
         names += [item.name if width == 1 or not item.name else f"{item.name}[{k}]" for k in range(width)]
         units += [item.unit] * width
         columns += [np.ascontiguousarray(array[:, k]) for k in range(width)]
-    period = next((item.period for item in found if item.period is not None), None)
     start = next((item.start for item in found if item.start is not None), None)
-    given = [
-        period_from(key, value) for outer in _outer(group) for other, key, value in arrays.scalars if other == outer
-    ]
-    period = next((one for one in (period, *given) if one is not None), None)
+    periods = [item.period for item in found]
+    for outer in _outer(group):
+        periods += [period_from(key, value) for other, key, value in arrays.scalars if other == outer]
     return Table(
         names=tuple(names),
         units=tuple(units),
         columns=tuple(columns),
         start=start,
-        period=period,
+        period=next((period for period in periods if period is not None), None),
         notes=(note, *said),
         dates=frozenset(dates),
     )
@@ -192,12 +192,6 @@ def _outer(group: str) -> list[str]:
     """A group and all groups that contain it, `run/imu`, `run` and the file itself; `run.imu` in MATLAB."""
     ends = [i for i, mark in enumerate(group) if mark in "/."]
     return [group[:end] for end in (len(group), *reversed(ends))] + [""]
-
-
-def _part_name(group: str, found: list[Item], *, alone: bool) -> str:
-    if alone and group:
-        return group
-    return f"{group}/{found[0].name}" if group else found[0].name
 
 
 def _grouped(items: Sequence[Item]) -> dict[tuple[str, int], list[Item]]:
@@ -226,10 +220,7 @@ def _samples(item: Item, lengths: set[tuple[str, int]]) -> int:
 
 
 def _width(item: Item, n: int) -> int:
-    total = 1
-    for size in item.shape:
-        total *= size
-    return total // n
+    return math.prod(item.shape) // n
 
 
 # HDF5 files, read by h5py: the datasets of one length in a group. Nothing outside the file is read.
@@ -285,15 +276,12 @@ def _text(value: Any) -> str:
 # MATLAB files: up to version 7.2 by SciPy, version 7.3, which is HDF5, by h5py. Nothing in them is ever run.
 
 
-_MAX_STRUCTS = 256
-"""Structs of one array that are read."""
 _COMPRESSED = 15
 """Type of an element of a file of version 5 that holds a compressed variable."""
 _PIECE = 1 << 22
 """Bytes that are read and unpacked at once to count them."""
 _VERSION_73 = b"MATLAB 7.3"
-_WHOLE = tuple(f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64))
-_CLASSES = frozenset(("double", "single", "logical", "struct", *_WHOLE))
+_CLASSES = re.compile("double|single|logical|struct|u?int(8|16|32|64)")
 """Classes of variables that may hold numbers; cells, text, functions and objects are left unread."""
 
 
@@ -309,7 +297,7 @@ def read_mat(path: Path, name: str, part: str | None, progress: Progress) -> Tab
             return read_hdf5(path, name, part, progress)
     matlab = load_library("scipy.io", "scipy", name, "a MATLAB file")
     listed = cast("list[tuple[str, tuple[int, ...], str]]", matlab.whosmat(str(path)))
-    wanted = [key for key, _, kind in listed if kind in _CLASSES]
+    wanted = [key for key, _, kind in listed if _CLASSES.fullmatch(kind)]
     # The size of a struct says nothing of its fields, and any element may unpack to more than its variable has.
     _count_unpacked(path, progress)
     progress(0.1, "reading")
@@ -348,14 +336,8 @@ def _collect(key: str, group: str, value: Any, found: Found, depth: int = 0) -> 
         for name, part in cast("dict[str, Any]", value).items():
             if depth < _MAX_DEPTH:
                 _collect(name, inner, part, found, depth + 1)
-        return
-    array = np.asarray(value)
-    if array.dtype == object and array.ndim == 1:  # an array of structs: each is a group of its own
-        for i, part in enumerate(array[:_MAX_STRUCTS]):
-            if isinstance(part, dict):
-                _collect(f"{key}[{i}]", group, part, found, depth + 1)
     else:
-        found.add(key, group, array)
+        found.add(key, group, np.asarray(value))
 
 
 # NumPy files: an array, or a zip archive of several. Pickled objects are never loaded.
@@ -380,18 +362,8 @@ def read_numpy(path: Path, name: str, part: str | None, progress: Progress) -> T
             data = archive.read(info)
             if info.filename.endswith(".npy") and data[:6] == b"\x93NUMPY":
                 with suppress(ValueError):  # an array of objects
-                    found.add(info.filename.removesuffix(".npy"), "", _array_of(data))
+                    found.add(info.filename.removesuffix(".npy"), "", np.load(io.BytesIO(data), allow_pickle=False))
     return read_arrays(found, part, name, "an archive of NumPy arrays", replace(progress, unpacking=None))
-
-
-def _array_of(data: bytes) -> Any:
-    """The array in the bytes of a .npy file, which its header may exceed."""
-    stream = io.BytesIO(data)
-    version = np.lib.format.read_magic(stream)
-    read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
-    shape, is_fortran, dtype = read(stream)
-    array = np.frombuffer(data, dtype, math.prod(shape), stream.tell())
-    return array.reshape(shape, order="F" if is_fortran else "C")
 
 
 # LabVIEW TDMS files, read by npTDMS: the channels of a group, with their units and waveform properties.
@@ -408,25 +380,19 @@ def read_tdms(path: Path, name: str, part: str | None, progress: Progress) -> Ta
     nptdms.log.log_manager.set_level(logging.CRITICAL)  # else it prints warnings about a file to the terminal
     # An open file, not its path: else npTDMS would trust an index file beside it.
     with path.open("rb") as raw, nptdms.TdmsFile.open(raw) as file:
-        items = list(_items(file, path.stat().st_size))
-        return read_arrays(Found(items), part, name, "a TDMS file", progress)
-
-
-def _items(file: Any, size: int) -> Iterator[Item]:
-    for group in file.groups():
-        for channel in group.channels():
+        found = Found()
+        for channel in (channel for group in file.groups() for channel in group.channels()):
             n, properties = len(channel), channel.properties
             # Raw data are stored as they are: no channel holds more samples than the file has bytes.
-            if not 0 < n <= min(size, MAX_NUMBERS):
-                continue
-            if not is_numeric(channel.dtype):
+            if not 0 < n <= min(path.stat().st_size, MAX_NUMBERS) or not is_numeric(channel.dtype):
                 continue
             step = properties.get("wf_increment")
             period = float(step) if isinstance(step, (int, float)) and 0 < step < np.inf else None
             unit = properties.get("unit_string") or properties.get("NI_UnitDescription") or ""
             start = _seconds(properties.get("wf_start_time")) if period is not None else None
             load = partial(channel.__getitem__, slice(None))
-            yield Item(channel.name, group.name, (n,), load, str(unit), period, start)
+            found.items.append(Item(channel.name, channel.group_name, (n,), load, str(unit), period, start))
+        return read_arrays(found, part, name, "a TDMS file", progress)
 
 
 def _seconds(stamp: Any) -> float | None:
@@ -463,3 +429,43 @@ def read_parquet(path: Path, name: str, part: str | None, progress: Progress) ->
             if is_number or types.is_timestamp(one.type) or types.is_date(one.type):
                 found.items.append(Item(one.name, "", (rows,), partial(column, one.name)))
         return read_arrays(found, None, name, "a Parquet file", progress)
+
+
+# EDF files of signals of the body: a header of text in fixed places, then records of 16-bit numbers.
+
+
+_EDF_FIELDS = (16, 80, 8, 8, 8, 8, 8, 80, 8, 32)
+"""Characters of label, transducer, unit, physical and digital range, filter, samples a record, reserve."""
+
+
+def read_edf(path: Path, name: str, part: str | None, progress: Progress) -> Table:
+    """Read a continuous EDF or EDF+ file, by the specifications at edfplus.info; annotations are left out.
+
+    Raises:
+        BadFile: it holds no signals, too many numbers, or pauses.
+        BadSetting: there is no such part.
+    """
+    progress(0.0, "reading")
+    with path.open("rb") as file:
+        head = file.read(256).decode("latin-1")
+        count = int(head[252:])
+        fields = [[file.read(size).decode("latin-1").strip() for _ in range(count)] for size in _EDF_FIELDS]
+    if head[192:197] == "EDF+D":
+        raise BadFile(f"{name} must be one continuous recording (got EDF+D, whose records may have pauses)")
+    begin, seconds = int(head[184:192]), float(head[244:252])
+    stamp = parse_calendar(f"{head[168:176]} {head[176:184]}", "dmy")
+    start = None if stamp is None else stamp / 1e6
+    stops = np.cumsum([0, *map(int, fields[8])]).tolist()
+    shape = (path.stat().st_size - begin) // (2 * stops[-1]), stops[-1]
+    data = np.memmap(path, "<i2", "r", begin, shape)
+
+    def physical(i: int) -> Array:
+        low, high, least, most = (float(field[i]) for field in fields[3:7])
+        return (data[:, stops[i] : stops[i + 1]].ravel() - least) * ((high - low) / (most - least)) + low
+
+    found = Found()
+    for i, (label, unit) in enumerate(zip(fields[0], fields[2], strict=True)):
+        if not label.endswith("Annotations"):
+            n = stops[i + 1] - stops[i]
+            found.items.append(Item(label, "", (n * shape[0],), partial(physical, i), unit, seconds / n, start))
+    return read_arrays(found, part, name, "an EDF file", progress, "set of signals of one rate")

@@ -7,6 +7,7 @@ rules, with the seconds since the first segment in front; all other lines become
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from datetime import datetime, timedelta
 from pathlib import Path
@@ -17,6 +18,7 @@ from kalscope.common.numbers import Array
 from kalscope.common.progress import Progress
 from kalscope.sources.containers.table import Part, Text, choose_part
 from kalscope.sources.grammar.cells import parse_number
+from kalscope.sources.grammar.timestamps import parse_calendar
 
 _X = "X_Value"
 """Name of the columns of x."""
@@ -26,16 +28,16 @@ _LINES_PER_REPORT = 4096
 
 @dataclass
 class _Segment:
-    """One segment while it is read."""
+    """One segment."""
 
     tags: dict[str, list[str]]
     """Cells of each tag, by column; those of the file header where the segment gives none."""
-    names: list[str] = field(default_factory=list[str])
-    """The row of names; empty until it is read."""
+    names: list[str]
+    """The row of names."""
+    is_dated: bool
+    """True where it gives a start of its own, not only that of the file."""
     rows: list[tuple[int, list[str]]] = field(default_factory=list[tuple[int, "list[str]"]])
     """(line from 0, cells) of each row."""
-    is_dated: bool = False
-    """True where it gives a start of its own, not only that of the file."""
 
     def tag(self, name: str, column: int = 1) -> str:
         """The cell of a tag above a column; a tag of the file header has one cell for all."""
@@ -44,34 +46,24 @@ class _Segment:
 
     def start(self, column: int) -> float | None:
         """Seconds since 1970 of the start; LabVIEW gives local time without a zone."""
-        try:
-            hour, minute, second = self.tag("Time", column).replace(",", ".").split(":")
-            day = datetime.strptime(self.tag("Date", column), "%Y/%m/%d") - _EPOCH
-            return (day + timedelta(hours=int(hour), minutes=int(minute), seconds=float(second))).total_seconds()
-        except (ValueError, OverflowError):
-            return None
+        clock = self.tag("Time", column).replace(",", ".")[:15]  # to the microsecond
+        stamp = parse_calendar(f"{self.tag('Date', column)} {clock}")
+        return None if stamp is None else stamp / 1e6
 
-    def axes(self, decimal: str) -> list[tuple[list[int], Array | None, float]]:
+    def axes(self, decimal: str) -> Iterable[tuple[list[int], Array | None, float]]:
         """(columns, seconds of each row, step) of the channels of each x axis; None, where they have no time.
 
         Channels are all columns that are named, but not x and a comment at the end.
         """
-        found: list[tuple[list[int], Array | None, float]] = []
-        has_x = self.tag("X_Columns").lower() != "no"
+        found: dict[bytes, tuple[list[int], Array | None, float]] = {}
+        x = None
         for j, name in enumerate(self.names):
-            if name in ("", _X) or (name == "Comment" and j == len(self.names) - 1):
-                continue
-            before = [i for i in range(j) if self.names[i] == _X] if has_x else []
-            time, step = self._x_axis(j, before[-1] if before else None, decimal)
-            for columns, other, _ in found:
-                if time is other or (
-                    time is not None and other is not None and np.array_equal(time, other, equal_nan=True)
-                ):
-                    columns.append(j)
-                    break
-            else:
-                found.append(([j], time, step))
-        return found
+            if name == _X:
+                x = j if self.tag("X_Columns").lower() != "no" else None
+            elif name and not (name == "Comment" and j == len(self.names) - 1):
+                time, step = self._x_axis(j, x, decimal)
+                found.setdefault(b"" if time is None else time.tobytes(), ([], time, step))[0].append(j)
+        return found.values()
 
     def _x_axis(self, column: int, x: int | None, decimal: str) -> tuple[Array | None, float]:
         """X0 + i Delta_X, unless an x column differs by more than half a step: x is rounded, Delta_X is not."""
@@ -137,35 +129,34 @@ def read_lvm(path: Path, name: str, part: str | None, progress: Progress) -> Tex
 def _segments(lines: list[str], progress: Progress) -> tuple[list[_Segment], str]:
     """The segments, and the decimal mark."""
     separator, decimal, special = "\t", ".", False
-    file_tags: dict[str, list[str]] = {}
+    of_file: dict[str, list[str]] | None = None  # known at the end of the first header
+    tags: dict[str, list[str]] = {}
     segments: list[_Segment] = []
+    rows: list[tuple[int, list[str]]] | None = None
     for number, line in enumerate(lines):
         if number % _LINES_PER_REPORT == 0:
             progress(number / len(lines), "reading")
         cells = [cell.strip() for cell in line.split(separator)]
-        segment = segments[-1] if segments else None
         if line.startswith("***") or special:  # special blocks belong to the program that wrote them
             special = (special or line.startswith("***Start_Special")) and not line.startswith("***End_Special")
+            of_file = dict(tags) if of_file is None and line.startswith("***End_of_Header") else of_file
         elif not any(cells):
             continue
-        elif (
-            segment is not None and segment.names and (not cells[0] or parse_number(cells[0], decimal) is not None)
-        ):
-            segment.rows.append((number, cells))
-        elif line.startswith("Separator"):
-            separator = line[len("Separator") :][:1] or separator
+        elif rows is not None and (not cells[0] or parse_number(cells[0], decimal) is not None):
+            rows.append((number, cells))
+        elif cells[0] == _X:  # begins a segment even without a segment header
+            tags = dict(of_file or {}) if rows is not None else tags
+            own = any(tags.get(tag) is not (of_file or {}).get(tag) for tag in ("Date", "Time"))
+            segment = _Segment(tags, cells, own)
+            segment.is_dated = own and segment.tag("Time_Pref").lower() != "relative"
+            segments.append(segment)
+            rows = segment.rows
         else:
-            if cells[0] == "Channels" or (cells[0] == _X and (segment is None or segment.names)):
-                # A row of names begins a segment even without a segment header.
-                segment = _Segment(dict(file_tags))
-                segments.append(segment)
-            if cells[0] == _X and segment is not None:
-                segment.names = cells
+            if rows is not None:
+                tags, rows = dict(of_file or {}), None
+            tags[cells[0]] = cells
+            if line.startswith("Separator"):
+                separator = line[len("Separator") :][:1] or separator
             elif cells[0] == "Decimal_Separator":
                 decimal = "," if cells[1:2] == [","] else "."
-            elif segment is not None:
-                segment.is_dated = segment.is_dated or (
-                    cells[0] in ("Date", "Time") and segment.tag("Time_Pref").lower() != "relative"
-                )
-            (file_tags if segment is None else segment.tags)[cells[0]] = cells
     return segments, decimal

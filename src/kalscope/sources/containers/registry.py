@@ -64,6 +64,12 @@ def _is_excel(head: bytes, name: str) -> bool:
     )
 
 
+def _is_edf(head: bytes, _: str) -> bool:
+    """It begins with a number in a place of eight characters, as a table may."""
+    counts = head[184:192].strip(), head[252:256].strip()
+    return head.startswith(b"0       ") and b"\n" not in head[:256] and all(map(bytes.isdigit, counts))
+
+
 def _is_numpy(head: bytes, name: str) -> bool:
     """For a zip archive the name of its first file decides, or its own name."""
     return head.startswith(b"\x93NUMPY") or (
@@ -76,12 +82,14 @@ def _is_json_document(head: bytes, name: str) -> bool:
     if head.lstrip(_BEFORE_JSON)[:1] not in (b"{", b"["):
         return False
     text = head.decode(json.detect_encoding(head), "replace").lstrip("\ufeff \t\r\n")
+    if text[:1] == "{" and text[1:].lstrip()[:1] not in ('"', "}", ""):
+        return False  # a list of Mathematica
     if text[:1] == "[":
         inside = text[1:].lstrip()[:1]
         return inside == "{" or (inside == "[" and name.endswith(".json"))
     lines = [line for line in text.replace("\r", "\n").split("\n") if line.strip("\0 \t")][:_MAX_LINES]
     # The first line may be torn, so other lines must show what the file is.
-    return len(lines) == 1 or sum(find_object(line) is not None for line in lines) < 2
+    return len(lines) == 1 or sum(find_object(line.rstrip(" \t,")) is not None for line in lines) < 2
 
 
 _CONTAINERS = (
@@ -100,6 +108,7 @@ _CONTAINERS = (
     Container("a ULog file", _begins(b"ULog\x01\x12\x35"), "robotics.read_ulog"),
     Container("a spreadsheet", _is_excel, "spreadsheets.read_excel"),
     Container("a NumPy file", _is_numpy, "arrays.read_numpy"),
+    Container("an EDF file", _is_edf, "arrays.read_edf"),
     Container("a zip archive", _begins(b"PK\x03\x04", b"PK\x05\x06"), "texts.read_zip"),
     Container("a JSON document", _is_json_document, "texts.read_json_document"),
 )

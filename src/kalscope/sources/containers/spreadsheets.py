@@ -7,6 +7,7 @@ import re
 import subprocess
 import sys
 import zipfile
+from contextlib import suppress
 from functools import reduce
 from pathlib import Path
 
@@ -55,22 +56,22 @@ def _convert(path: Path, folder: Path, progress: Progress) -> None:
         [sys.executable, convert.__file__, str(path), str(folder)],
         stdin=subprocess.DEVNULL,
         stdout=subprocess.DEVNULL,
-        stderr=subprocess.PIPE,
+        stderr=subprocess.PIPE,  # one line, which the pipe holds until it is read
+        encoding="utf-8",
+        errors="replace",
     )
     with process, done_at_stop(process.kill):
         try:
-            while True:
+            while process.poll() is None:
                 progress(0.5, "reading")
-                try:
-                    _, said = process.communicate(timeout=_POLL_S)
-                    break
-                except subprocess.TimeoutExpired:
-                    continue
+                with suppress(subprocess.TimeoutExpired):
+                    process.wait(_POLL_S)
         except BaseException:  # leaving the block waits for the process, after Ctrl+C as well
             process.kill()
             raise
+        said = process.stderr.read() if process.stderr else ""
     if process.returncode:
-        raise ValueError(one_line(said.decode("utf-8", "replace"))[:120] or "the library failed")
+        raise ValueError(one_line(said)[:120] or "the library failed")
 
 
 def _check_size(path: Path, name: str, progress: Progress) -> None:

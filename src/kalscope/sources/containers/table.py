@@ -76,8 +76,8 @@ class Table:
 class Text:
     """A table as lines of text, whose header, units and stamps are found as in any text file."""
 
-    lines: Iterable[str]
-    """The lines, without their newlines."""
+    lines: Iterable[str | bytes]
+    """The lines, without their newlines; or pieces of a text file as its bytes."""
     notes: tuple[str, ...]
     """What was decided, each a sentence."""
     delimiter: str | None = None
@@ -103,6 +103,8 @@ class Part:
     """Rows that it holds."""
     channels: int
     """Columns of numbers that it holds."""
+    size: str = ""
+    """How large it is, where that is no number of rows and columns."""
 
 
 def choose_part(parts: Sequence[Part], wanted: str | None, name: str, what: str) -> tuple[int, tuple[str, ...]]:
@@ -158,7 +160,7 @@ def _wanted(parts: Sequence[Part], wanted: str, what: str) -> int:
 
 
 def _described(part: Part) -> str:
-    return f'"{part.name}" ({count(part.rows)} × {part.channels})'
+    return f'"{part.name}" ({part.size or f"{count(part.rows)} × {part.channels}"})'
 
 
 def _listed(parts: Sequence[Part]) -> str:

@@ -91,7 +91,9 @@ def split_fields(line: str, delimiter: str) -> list[str]:
 
 def _split(line: str, delimiter: str) -> list[str]:
     text = line.strip(" \t\r\n") if delimiter == " " else line.rstrip("\r\n")
-    if text.endswith(("]", ")")):
+    if text[-1:] == "#" and text[-2:-1].isalnum():  # as boards end a message
+        text = text[:-1]
+    if text.endswith(("]", ")", "}", "},", ">")):
         text = _without_brackets(text)
     if '"' in text and text.count('"') % 2 == 0:
         try:
@@ -103,20 +105,22 @@ def _split(line: str, delimiter: str) -> list[str]:
             pass
     if delimiter == " ":
         cells = _RUN_OF_SPACES.split(text) if text else []
+        if cells and cells[0][-1:] == ":" and cells[0][:-1].isdecimal():
+            cells[0] = cells[0][:-1]  # RRDtool
         # `21,5, 40,2` and `26.69C, 40%` are separated by a comma and a blank.
-        return (
-            [cell.rstrip(",;") or cell for cell in cells]
-            if ", " in text or "; " in text or text[-1:] == ","
-            else cells
-        )
-    return [cell.strip(" \t") for cell in text.split(delimiter)]
+        is_listed = ", " in text or "; " in text or text[-1:] == ","
+        return [cell.rstrip(",;") or cell for cell in cells] if is_listed else cells
+    cells = [cell.strip(" \t") for cell in text.split(delimiter)]
+    if "'" in text:  # PhysioNet: 'Elapsed time','MLII'
+        cells = [cell[1:-1] if len(cell) > 1 and cell[0] == cell[-1] == "'" else cell for cell in cells]
+    return cells
 
 
 def _without_brackets(text: str) -> str:
-    """`1, 2, 3` of `[1, 2, 3]` and `(1, 2, 3)`, as Python prints lists and tuples; any other line unchanged."""
-    bare = text.strip(" \t")
+    """`1, 2, 3` of `[1, 2, 3]`, `(1, 2, 3)` and `{1, 2, 3},`, as programs print lists; any other line unchanged."""
+    bare = text.strip(" \t").removesuffix(",")
     inner = bare[1:-1]
-    is_pair = bare[:1] + bare[-1] in ("[]", "()") and not any(mark in inner for mark in "[]()")
+    is_pair = bare[:1] + bare[-1] in ("[]", "()", "{}", "<>") and not any(mark in inner for mark in "[](){}<>")
     numbers = inner.strip(" \t").startswith(_NUMBER_STARTS) and any(mark in inner for mark in ",; \t")
     return inner.strip(" \t") if is_pair and numbers else text
 
@@ -207,7 +211,7 @@ _UNITS = words(
     v volt volts mv uv µv kv a amp amps ampere amperes ma ua µa na g mg kg m mm cm km um µm meter meters
     metre metres
     m/s m/s2 m/s^2 m/s² m/s/s km/h kph mph mps knots kn ft in gal deg ° degree degrees rad deg/s °/s dps rad/s rpm
-    degc °c c celsius f degf °f k kelvin fahrenheit % %rh rh percent pct
+    degc °c 'c c celsius f degf °f 'f k kelvin fahrenheit % %rh rh percent pct
     pa hpa kpa mpa mbar bar psi mmhg inhg torr at atm hz khz mhz ghz lux lx ppm ppb count counts lsb adc raw ts rn
     w kw mw watt watts w/m2 w/m^2 w/m² kwh wh n newton newtons nm n·m joule joules j db dbm dbv ohm ohms kohm ω kω
     farad f/m ut µt mt tesla gauss l ml liter liters litre litres l/min bpm no_units unitless

@@ -78,7 +78,7 @@ Pairs = list[tuple[str, str]]
 MAX_LABEL, MAX_PARTS = 60, 2048
 """Length of a label of several words, and commas, semicolons and tabs of a line."""
 
-_BETWEEN_PAIRS, _BUT_COMMAS = re.compile(r"[,;&\t]"), re.compile(r"[;&\t]")
+_BETWEEN_PAIRS, _BUT_COMMAS = re.compile(r"[,;&|\t]"), re.compile(r"[;&|\t]")
 _COMMA_IN_NUMBER = re.compile(r"[0-9],[0-9]")
 _WORD = re.compile(r'(?:[^\s"]|"[^"]*")++')
 _LEVEL = re.compile(r"\[?(?:TRACE|DEBUG|INFO|NOTICE|WARN|WARNING|ERROR)\]?:?[ \t]+")
@@ -94,6 +94,8 @@ _LINE_PROTOCOL = re.compile(
 """`weather,loc=us temp=21.5,hum=40i 1709630000000000000`: InfluxDB."""
 _TOPIC = re.compile(r"([A-Za-z$][^\s,;:=\"{/]{0,99}/[^\s,;:=\"{]{0,200}) (\S{1,40})")
 """`home/barn/temperature 21.5`: what mosquitto_sub -v writes."""
+_CELL = re.compile(r'[,;](?! )|"')
+"""What shows that the text before an object is a cell of a table, not what a logger writes."""
 _MAX_PREFIX = 240
 """Characters before the object of `tele/barn/SENSOR = {"Temperature": 21.5}`."""
 
@@ -110,7 +112,7 @@ def find_labels(line: str) -> Pairs | None:
         return None  # a number and no letter, as in a table with a clock
     text = _LEVEL.sub("", line.strip().removeprefix(">"), count=1)
     if text.startswith("{"):
-        return find_object(text)
+        return find_object(text.removesuffix(","))
     found = _logged(text)
     text = text.replace(" *C", " C").replace(" *F", " F")  # boards that lack a degree sign
     for mark in ("=", ":") if text.count('"') % 2 == 0 else ():
@@ -183,10 +185,10 @@ def _logged(text: str) -> Pairs | None:
         fields = (part.partition("=") for part in match[1].split(","))
         return [("time", match[2]), *((name, value.removesuffix("i")) for name, _, value in fields)]
     start = text.find("{", 0, _MAX_PREFIX)
-    if start > 0 and text.endswith("}"):
+    if start > 0 and text.endswith(("}", "}'")):
         before = text[:start]
-        found = find_object(text[start:]) if not any(mark in before for mark in ',;"') else None
-        words = before.rstrip(" =:\t").split()
+        found = None if _CELL.search(before) else find_object(text[start:].removesuffix("'"))
+        words = before.rstrip(" =:\t'").split()
         topic = words[-1] + "." if words and "/" in words[-1] else ""
         return found and [(topic + name, value) for name, value in found]
     return _topic(text)
@@ -218,18 +220,27 @@ _ESCAPES = re.compile(r"\x1b\[[0-?]{0,24}[ -/]{0,4}[@-~]")
 _MAX_SAMPLES = 1024
 """Samples that one line of Teleplot may hold."""
 _STAMP_REACH = 24  # the first colon of a clock after a date
-_STAMP = r"((?:[0-9]{1,4}[-/.][0-9]{1,2}[-/.][0-9]{1,4}[T ])?[0-9]{1,2}:[0-9]{2}:[0-9]{2}(?:[.,][0-9]{1,9})?)"
+_STAMP = (
+    r"((?:[0-9]{1,4}[-/.][0-9]{1,2}[-/.][0-9]{1,4}[T ])?"
+    r"[0-9]{1,2}:[0-9]{2}:[0-9]{2}(?:[.,][0-9]{1,9}(?:,[0-9]{3})?)?)"
+)
 # The Arduino IDE writes "->", PlatformIO's monitor ">", screen and grabserial " - ", others brackets or ": ".
-_AFTER_STAMP = r"(?:[ \t]{0,4}-?>|:(?=[ \t])|[ \t]-(?=[ \t]|$))"
+_AFTER_STAMP = r"(?:[ \t]{0,4}-?>|:(?=[ \t])|[ \t][-|](?=[ \t]|$))"
 _AFTER_BRACKET = r"[ \t]?(?:->|[>:]|-(?=[ \t]))?"
-_LINE_STAMP = re.compile(rf"[ \t]{{0,8}}\[?{_STAMP}(?:{_AFTER_STAMP}|\]{_AFTER_BRACKET})[ \t]?(.*)", re.DOTALL)
+_LINE_STAMP = re.compile(
+    rf"(?:[0-9]{{2}}> |[ \t]{{0,8}})\[?{_STAMP}(?:{_AFTER_STAMP}|\]{_AFTER_BRACKET})[ \t]?(.*)", re.DOTALL
+)
 _ZONE = r"(?:Z|[+-][0-9]{2}:?[0-9]{2})?"
 _BARE_STAMP = re.compile(
-    rf"[ \t]{{0,8}}({_STAMP[1:-1]}{_ZONE}|[0-9]{{1,14}}(?:\.[0-9]{{1,9}})?)[ \t]+([A-Za-z].*)", re.DOTALL
+    rf"[ \t]{{0,8}}({_STAMP[1:-1]}{_ZONE}|[0-9]{{1,14}}(?:\.[0-9]{{1,9}})?(?:[mµu]?s|[ ][mµu]?s(?=:))?)(?::|[ ]-)?"
+    r"[ \t]+([A-Za-z].*)",
+    re.DOTALL,
 )
 """A stamp followed by nothing but blanks, before a label."""
 _COUNTED = re.compile(
-    r"(?:\[[ ]{0,12}|[EWIDV] \()([0-9]{1,14}(?:\.[0-9]{1,9})?)(?:\]|\) [^\s:]{1,40}:)[ \t](.*)", re.DOTALL
+    r"(?:[\[(][ ]{0,12}([0-9]{1,14}(?:\.[0-9]{1,9})?(?:[mµu]?s)?)[\])]|[EWIDV] \(([0-9]{1,14})\) [^\s:]{1,40}:)"
+    r"[ \t](.*)",
+    re.DOTALL,
 )
 """What a kernel and an ESP32 write before a line: `[   12.345]`, `I (12345) sensor:`."""
 _SYSLOG = re.compile(
@@ -307,11 +318,12 @@ def split_teleplot(line: str) -> Teleplot | None:
 
 def split_stamp(line: str) -> tuple[str, str] | None:
     """(`12:00:00.023`, rest) of a line before which a serial monitor wrote its stamp; None for any other line."""
-    match = line.startswith(("[", "I (", "D (", "W (", "E (", "V (")) and _COUNTED.fullmatch(line)
+    match = line.startswith(("[", "(", "I (", "D (", "W (", "E (", "V (")) and _COUNTED.fullmatch(line)
     match = match or (":" in line[:_STAMP_REACH] and _LINE_STAMP.fullmatch(line))
     match = match or (line[3:4] == " " and _SYSLOG.fullmatch(line))
     if match:
-        return match[1], match[2]
+        stamp, rest = (group for group in match.groups() if group is not None)
+        return stamp.replace(",", "") if "." in stamp else stamp, rest  # Zephyr writes 00:00:01.234,567
     match = _BARE_STAMP.fullmatch(line) if line[:1] in _DIGITS_OR_BLANKS else None
     if match is None:
         return None

@@ -14,7 +14,7 @@ import numpy as np
 from kalscope.common.numbers import Array
 from kalscope.errors import BadSetting
 from kalscope.recording import Assumption
-from kalscope.sources.grammar.cells import MISSING, parse_number
+from kalscope.sources.grammar.cells import MISSING, UNIT_OF_WORD, parse_number, split_measure
 from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
 
 # Words in calendar stamps: months and weekdays in English, German, French and Spanish, and names of time zones.
@@ -92,6 +92,7 @@ def parse_clock(cell: str) -> float | None:
     if len(cell) > MAX_STAMP_LENGTH:
         return None
     quick = _quick_clock(cell)
+    cell = cell.replace("h", ":", 1) if cell[1:3].strip("0123456789")[:1] == "h" else cell  # 8h30
     match = _CLOCK.fullmatch(cell) if quick is None else None
     return quick if match is None else _clock_of(match.groups())
 
@@ -188,6 +189,8 @@ _YEAR_LAST = re.compile(
     rf"^((?:[^\W\d_]{{2,10}}[.,]? )?{_WORD} {{1,2}}[0-9]{{1,2}}),? ([0-9]{{1,2}}:.{{2,40}}) ([0-9]{{4}})\Z"
 )
 _CLOCK_FIRST = re.compile(r"^([0-9]{1,2}:.{2,24}?),? ([0-9]{1,4}[-/.][0-9]{1,2}[-/.][0-9]{1,4})")
+_WEEKDAY_BETWEEN = re.compile(r"(?<=[0-9]) \([A-Za-z]{3,10}\) ")
+_CHINESE = str.maketrans({"年": "-", "月": "-", "日": "", "时": ":", "時": ":", "分": ":", "秒": ""})
 _MONTH = re.compile(r"[12][0-9]{3}[-/][0-9]{1,2}")
 
 
@@ -240,6 +243,8 @@ def _parse_other(cell: str, order: DateOrder) -> float | None:
     """A stamp in any other shape."""
     if len(cell) == 6 and cell.isascii() and cell.isdecimal():
         return _day(cell[:2], cell[2:4], cell[4:], order)
+    if "(" in cell or not cell.isascii():
+        cell = _WEEKDAY_BETWEEN.sub(" ", cell.translate(_CHINESE).rstrip(":"))
     if cell[:1].isalpha():
         cell = _YEAR_LAST.sub(r"\1 \3 \2", cell)
     elif ":" in cell[1:3]:
@@ -260,12 +265,8 @@ def _with_rest(day: float, rest: str) -> float | None:
     if match is None:
         return None
     *clock, zone, sign, hours, minutes = match.groups()
-    since, ahead, h, m = (
-        _clock_of(clock),
-        _HOURS_OF_ZONE.get((zone or "Z").upper()),
-        int(hours or 0),
-        int(minutes or 0),
-    )
+    since, ahead = _clock_of(clock), _HOURS_OF_ZONE.get((zone or "Z").upper())
+    h, m = int(hours or 0), int(minutes or 0)
     if since is None or ahead is None or h > 18 or m > 59:
         return None
     return day + since - ahead * 3600e6 - (h * 3600 + m * 60) * (-1e6 if sign == "-" else 1e6)
@@ -286,12 +287,8 @@ def _day(first: str, second: str, third: str, order: DateOrder) -> float | None:
     """Microseconds from 1970 to the day of three parts; the month may be a name."""
     part = dict(zip(order, (first, second, third), strict=True))
     year, month, day = part["y"], part["m"], part["d"]
-    if (
-        len(year) not in (2, 4)
-        or (len(year) == 4 and year < "0100")
-        or len(day) > 2
-        or (len(month) > 2 and month.isdecimal())
-    ):
+    is_year = len(year) == 2 or (len(year) == 4 and year >= "0100")
+    if not is_year or len(day) > 2 or (len(month) > 2 and month.isdecimal()):
         return None
     return day_us(int(year), int(month) if month.isdecimal() else month_of(month), int(day))
 
@@ -412,9 +409,8 @@ def judge(stamps: Array, turn: float = 0.0) -> Evidence:
         return Evidence(fill, distinct=0.0 if steps.size else 1.0)
     steps = steps if ahead >= back else -steps
     usual = float(np.median(np.abs(steps[steps != 0])))
-    even, exact = (
-        float(np.mean(np.abs(steps - usual) <= share * usual)) for share in (_EVEN_WITHIN, _EXACT_WITHIN)
-    )
+    off = np.abs(steps - usual) / usual
+    even, exact = (float(np.mean(off <= share)) for share in (_EVEN_WITHIN, _EXACT_WITHIN))
     share = min(ahead, back) / moving
     if share > MAX_BACK and in_order_is_even(read):
         share = MAX_BACK
@@ -499,9 +495,8 @@ def find_stamp_form(
     if options.day_first is not None:
         orders = ("ymd", "dmy") if options.day_first else ("ymd", "mdy")
     # In a column that is named as a date, 17.05.24 is not a clock.
-    dates = (
-        fitting(*(TimeColumn(0, "calendar", order=order) for order in orders)) if name.is_date or not clocks else {}
-    )
+    may_be = [TimeColumn(0, "calendar", order=order) for order in orders if name.is_date or not clocks]
+    dates = fitting(*may_be)
     if dates:
         return _calendar(dates, present[0], decided=options.day_first is not None)
     if clocks:
@@ -642,44 +637,36 @@ def row_stamp_parser(column: TimeColumn, decimal: str) -> Callable[[Sequence[str
     places = dict(column.parts)
     date_at, clock_at = places.pop("date", None), places.pop("clock", None)
     parse_date, parse_clock = stamp_parser(replace(column, kind="calendar"), decimal), CLOCK_PARSERS[column.clock]
-    numbers: list[tuple[PartRole, int, float, float]] = [
-        (role, i, *PART_RANGES[role]) for role, i in places.items()
-    ]
     last = [column.day]
 
     def parse_parts(cells: Sequence[str]) -> float | None:
-        day = 0.0
+        day, parts = 0.0, _sum_of_parts(cells, places, decimal)
         if date_at is not None:
             found = parse_date(cells[date_at])
             last[0] = last[0] if found is None else found  # a broken date is that of the row before
             day = last[0]
-        if numbers:
-            day = _sum_of_parts(cells, numbers, decimal)
         since = 0.0 if clock_at is None else parse_clock(cells[clock_at])
-        return None if day is None or since is None else day + since
+        return None if day is None or parts is None or since is None else day + parts + since
 
     return parse_parts
 
 
-def _sum_of_parts(
-    cells: Sequence[str], numbers: list[tuple[PartRole, int, float, float]], decimal: str
-) -> float | None:
-    """Microseconds from 1970 to the moment of a year and other parts; None where one is missing or out of range."""
+def _sum_of_parts(cells: Sequence[str], places: dict[PartRole, int], decimal: str) -> float | None:
+    """Microseconds from 1970 to a year and other parts, from midnight without a year; None: a part is damaged."""
     part: dict[PartRole, float] = {}
     since = 0.0
-    for role, i, low, high in numbers:
-        cell = cells[i]
+    for role, i in places.items():
+        cell, (low, high) = cells[i], PART_RANGES[role]
         value = float(cell) if cell.isascii() and cell.isdecimal() else parse_number(cell, decimal)
-        if value is None or not (
-            low <= value <= high or (role == "year" and 0 <= value < 100)
-        ):  # NaN is in no range
-            return None
-        if value % 1 and role != "second":
+        least = 0.0 if role == "year" and value is not None and value < 100 else low
+        if value is None or not least <= value <= high or (value % 1 and role != "second"):  # NaN is in no range
             return None
         if role in _PART_US:
             since += round(value * _PART_US[role])
         else:
             part[role] = value
+    if not part:
+        return since
     if "day of year" in part:
         start = day_us(int(part["year"]), 1, 1)
         since += (part["day of year"] - 1) * DAY_US
@@ -699,6 +686,8 @@ def stamp_parser(column: TimeColumn, decimal: str) -> StampParser:
 
     def parse(cell: str) -> float | None:
         value = parse_number(cell, decimal)
+        if value is None and (measure := split_measure(cell)) and measure[1].lower() in UNIT_OF_WORD:
+            value = parse_number(measure[0], decimal)  # 10 ms
         # NaN fails the comparison as well.
         return value if value is not None and abs(value) <= _MAX_STAMP else None
 

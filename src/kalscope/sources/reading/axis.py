@@ -467,17 +467,14 @@ def to_seconds(
     unit = column.unit or unit_by_magnitude(stamps)
     scale, others = SECONDS_PER_UNIT[unit], ""
     # 2001 to 2100
-    day_of_1970 = (
-        _day_of_1970(stamps) if unit == "day" else 0.0 if scale <= 1 and 1e9 <= first * scale < 4.2e9 else None
-    )
+    day_of_1970 = 0.0 if scale <= 1 and 1e9 <= first * scale < 4.2e9 else None
+    day_of_1970 = _day_of_1970(stamps) if unit == "day" else day_of_1970
     said = f"stamps are read as {unit}"
     if not stated:
         others = _otherwise(stamps, unit) if day_of_1970 is None else ""
         said += f" (assumed from their size: {others or '--time-unit changes it'})"
     if day_of_1970 is not None:
-        said += (
-            f"{' since 1970' if scale <= 1 else ''}; time counts from {date_text((first - day_of_1970) * scale)}"
-        )
+        said += " since 1970" * (scale <= 1) + f"; time counts from {date_text((first - day_of_1970) * scale)}"
         stamps = stamps - first
     elif start is not None:
         said += f"; time counts from {date_text(start)}"
@@ -612,6 +609,8 @@ _STAMPS = {
 }
 _SURE = 1e-4
 """A standard error below this share of the rate is not reported."""
+_UNSURE = 0.01
+"""A rate by a coarse clock with a larger standard error is an assumption."""
 _ALIKE = 0.02
 """Rates of the file and of the stamps that differ by more contradict each other."""
 
@@ -641,7 +640,9 @@ def _about_stamps(timing: Timing, sure: str, stated: float | None) -> list[str]:
     rate, notes = f"{sample_rate(own)}{sure}", list[str]()
     if timing.stamps == "coarse":
         clock = f"the clock has a resolution of {duration(timing.resolution)}"
-        notes = [f"{clock}: samples were placed evenly between its steps, {rate}"]
+        said = f"{clock}: samples were placed evenly between its steps, {rate}"
+        # Rows that were written twice look the same.
+        notes = [Assumption(said) if timing.error is not None and timing.error > _UNSURE else said]
     elif timing.stamps == "bursts":
         notes = [f"the stamps come in bursts: samples were placed evenly in time, {rate}"]
     elif timing.error is None:
@@ -728,9 +729,7 @@ def read_time(
         stamps, notes = unwrap(stamps)
         stated = bool(unit or column.unit)
         column = replace(column, unit=unit or column.unit or unit_by_magnitude(stamps))
-        unit_words = (
-            column.unit + ("s" if column.unit in ("day", "year") else "") + ("" if stated else " (assumed)")
-        )
+        unit_words = column.unit + "s" * (column.unit in ("day", "year")) + " (assumed)" * (not stated)
     time, how = to_seconds(stamps, column, start, stated=stated)
     rate = find_rate(time)
     crowded = rate is not None and rate.stamps in ("coarse", "bursts")
@@ -840,9 +839,8 @@ def unwrap(stamps: Array) -> tuple[Array, list[str]]:
         return stamps, []
     turns = np.zeros(len(stamps))
     turns[wraps + 1] = size
-    return stamps + np.cumsum(turns), [
-        f"the stamps wrap {times(wraps.size)}, like a {_COUNTERS[size]}, and were unwrapped"
-    ]
+    said = f"the stamps wrap {times(wraps.size)}, like a {_COUNTERS[size]}, and were unwrapped"
+    return stamps + np.cumsum(turns), [said]
 
 
 def _about_order(time: Array, steps: Array, backward: int, *, repeated: bool) -> list[str]:

@@ -81,6 +81,8 @@ Role = Literal["channel", "time", "text", "row name", "row number", "metadata", 
 """How a column is used; "metadata" is beside the data in the first rows only."""
 
 _INDEX = re.compile(r"\s*(?:[0-9]+|[xyzijk])\s*", re.IGNORECASE)
+_SETTING_NAME = re.compile(r"= *[-+]?[0-9.]")
+"""`tInc = 1e-06` in a row of names is a setting of the instrument."""
 
 
 HOST_AND_DEVICE = ("host time", "device time")
@@ -141,7 +143,8 @@ def role_of(column: Column, cells: Sequence[str], index: int, kind: ColumnType, 
         return column.role
     if kind.kind == "empty":
         # A spreadsheet's trailing ";;": no name, nothing in it.
-        return "empty" if not column.name and width > 1 and not any(cells) else "channel"
+        nameless = not column.name or _SETTING_NAME.search(column.name)
+        return "empty" if nameless and width > 1 and not any(cells) else "channel"
     said = [cell for cell in cells if cell.lower() not in MISSING]
     if index == 0 and width > 1 and said and _is_row_number(column.name, said):
         return "row number"

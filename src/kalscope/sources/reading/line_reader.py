@@ -84,7 +84,7 @@ class LineReader:
         self._series = [i for i, column in enumerate(layout.columns) if column.role == "series"]
         self.series: dict[tuple[str, ...], int] = {}
         """The names of a long table and their numbers, which are in its first "series" column."""
-        self._before = -1
+        self._before = -2
         """Fields of the row before; −1 at the first row."""
         # A blank label would match at each position in a long run of blanks.
         names = "|".join(re.escape(label) for label in self._form.labels if label.strip())
@@ -228,10 +228,12 @@ class LineReader:
         One row that is too narrow was torn. Where the row before has its width, or there is none, it is from a
         time when the logger wrote fewer fields.
         """
-        count, before, self._before = len(cells), self._before, len(cells)
+        count, before = len(cells), self._before
+        # The first row alone may hold more: what is the same in all.
+        self._before = -1 if before == -2 and count == self._width else count
         if count == self._width + 1 and not cells[-1]:
             return cells[:-1]
-        if count < self._least and count in self.layout.narrow and before in (-1, count):
+        if count < self._least and count in self.layout.narrow and before in (-2, -1, count):
             return cells + [""] * (self._width - count)
         if not self._least <= count <= self._width:
             raise _Fault(f"must have {self._width} fields (got {count})")

@@ -168,8 +168,10 @@ def _stated_rate(head: Sequence[str]) -> Preface | None:
     A key that repeats on each line is a value of each row, such as `dt: 12` from a board.
     """
     found: list[tuple[float, str]] = []
-    for line in head[:_MAX_LINES]:
-        text = line[:_MAX_LENGTH].strip(" \t\r\"',;").lower().replace("_", " ")
+    for before, line in zip(["", *head], head[:_MAX_LINES], strict=False):
+        above = before[:_MAX_LENGTH].rstrip()
+        start = above if above.endswith(":") else ""  # LabVIEW: `dt:` above its value
+        text = f"{start} {line[:_MAX_LENGTH]}".strip(" \t\r\"',;").lower().replace("_", " ")
         if not is_comment(line) and NUMBER["."].match(text):
             break
         if sum(map(text.count, ",;|\t")) < _MAX_PARTS:

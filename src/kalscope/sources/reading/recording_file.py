@@ -7,6 +7,7 @@ import math
 import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import islice
 from pathlib import Path
 
@@ -127,7 +128,7 @@ def _surety(value: float) -> int:
     return int(is_round or value in _UNSURE)
 
 
-@np.errstate(over="ignore")
+@np.errstate(over="ignore", invalid="ignore")  # near the ends of float64
 def _stands_out(samples: Array, rest: Array, value: float, sure: int) -> bool:
     """Whether a code occurs often enough, far from the rest, and, unless it is sure, only for moments."""
     here, rest = samples == value, rest[rest != value]
@@ -142,10 +143,9 @@ def _stands_out(samples: Array, rest: Array, value: float, sure: int) -> bool:
     edges = np.diff(np.concatenate(([0], here.astype(np.int8), [0])))
     first, stop = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
     inner = (first > 0) & (stop < samples.size)
-    returns = (
-        np.mean(np.abs(samples[stop[inner]] - samples[first[inner] - 1]) <= 0.5 * nearest) if inner.any() else 0.0
-    )
-    brief = np.median(stop - first) <= _MAX_RUN and here.mean() <= _MAX_SHARE and returns >= _MIN_RETURNS
+    returns = np.abs(samples[stop[inner]] - samples[first[inner] - 1]) <= 0.5 * nearest
+    stays_brief = np.median(stop - first) <= _MAX_RUN and here.mean() <= _MAX_SHARE
+    brief = stays_brief and returns.size and returns.mean() >= _MIN_RETURNS
     return sure == 2 or bool(brief)
 
 
@@ -319,9 +319,8 @@ def _oldest_first(columns: Columns, layout: Layout) -> list[str]:
     for i, column in columns.items():
         columns[i] = column[order[rising]]
     newest = falls and np.all(np.diff(rising) == 1)
-    found = (
-        "the newest row comes first in the file" if newest else f"{count(back)} rows of the file step back in time"
-    )
+    found = f"{count(back)} rows of the file step back in time"
+    found = "the newest row comes first in the file" if newest else found
     return [Assumption(f"{found}: the rows were put in order of time")]
 
 
@@ -399,9 +398,8 @@ def _find_time(table: Table, columns: list[Column], options: ReadOptions) -> Tim
     few = [column[:_FEW_ROWS].tolist() for column in table.columns]
     cells = [[f"{value:.17g}" if math.isfinite(value) else "" for value in column] for column in few]
     rows, is_named = list(zip(*cells, strict=True)), any(table.names)
-    time = (
-        find_time(columns, rows, ".", named=is_named) if index is None else chosen_time(columns, rows, ".", index)
-    )
+    time = None if index is None else chosen_time(columns, rows, ".", index)
+    time = find_time(columns, rows, ".", named=is_named) if index is None else time
     if time is None or time.kind != "number":
         return None
     column = table.columns[time.index]
@@ -434,11 +432,6 @@ _MIN_WHOLE_TURNS = 0.9
 """Share of the turns in which each name comes once."""
 _MIN_SHARED = 0.5
 """Share of the stamps of the shorter of two series that the other has as well, where both belong to one part."""
-
-
-def is_long(layout: Layout) -> bool:
-    """True where rows hold one value each, beside its name."""
-    return any(column.role == "series" for column in layout.columns)
 
 
 def widened(table: list[Array], tally: Tally, layout: Layout, part: str | None, name: str) -> Reading:
@@ -613,12 +606,8 @@ def read_recording(
     try:
         with open_raw(path, progress) as raw:
             container = find_container(raw.head, name)
-            reading = (
-                _read_text(raw, options, progress)
-                if container is None
-                else _read_container(container, raw, options, progress)
-            )
-            recording = assemble(reading, options, sample_period, name)
+            read = _read_text if container is None else partial(_read_container, container)
+            recording = assemble(read(raw, options, progress), options, sample_period, name)
             # An absolute path, so that a tuning file reopens it from any folder.
             return replace(recording, source=os.path.abspath(path), title=name, sha256=raw.digest.result())
     except NoMemory:
@@ -640,7 +629,7 @@ def _read_text(raw: RawFile, options: ReadOptions, progress: Progress) -> Readin
 def _read_lines(raw: RawFile, encoding: str, options: ReadOptions, progress: Progress) -> Reading:
     layout = _sniff_head(raw, encoding, options)
     table, tally = read_rows(raw.path, encoding, layout, options, progress)
-    if is_long(layout) and tally.lines["row"]:
+    if tally.series:
         return widened(table, tally, layout, options.part, raw.name)
     refuse_part(options.part, raw.name)
     columns = {i: table[i] for i in (*layout.channels, *(layout.time.indices if layout.time else ()))}

@@ -7,6 +7,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
+import numpy as np
+
 from kalscope.recording import Assumption
 from kalscope.sources.grammar.cells import (
     COMMENT_MARKS,
@@ -18,6 +20,7 @@ from kalscope.sources.grammar.cells import (
     is_unit,
     parse_number,
     split_fields,
+    split_measure,
     words,
 )
 from kalscope.sources.grammar.line_format import LineFormat, split_teleplot
@@ -45,6 +48,7 @@ from kalscope.sources.reading.columns import (
     settle_roles,
 )
 from kalscope.sources.reading.table import (
+    SCALE,
     Body,
     HeadTable,
     Row,
@@ -55,7 +59,7 @@ from kalscope.sources.reading.table import (
     marked_begin,
     weigh,
 )
-from kalscope.sources.reading.time_columns import chosen_time, find_time
+from kalscope.sources.reading.time_columns import chosen_time, find_time, time_name
 
 # Labels that come in turn, one or a few per line: `Temp: 21.5`, then `Hum: 40`, then the next `Temp`.
 
@@ -87,7 +91,7 @@ def leading_label(rows: Sequence[Cells], labels: Sequence[int]) -> int | None:
 # The sentences that explain a layout, and that name another one that could be meant.
 
 
-def explain(table: HeadTable, plan: Plan, body: Body, second: HeadTable | None) -> list[str]:
+def explain(head: Sequence[str], table: HeadTable, plan: Plan, body: Body, second: HeadTable | None) -> list[str]:
     """How the lines are split, what is beside the data, and which other way comes close."""
     form, instrument = table.form, plan.preface.instrument
     mark = {"\t": "tabs", " ": "blanks"}.get(form.delimiter, f'"{form.delimiter}"')
@@ -107,7 +111,21 @@ def explain(table: HeadTable, plan: Plan, body: Body, second: HeadTable | None) 
         chosen = [f"--delimiter {WORD_OF_DELIMITER[other.delimiter]}"] if other.delimiter != form.delimiter else []
         chosen += [f"--decimal {WORD_OF_DECIMAL[other.decimal]}"] if other.decimal != form.decimal else []
         notes.append(Assumption(f"it could also be {count}: {' '.join(chosen)}"))
+    if (factor := next(filter(None, map(SCALE.fullmatch, head[: body.first])), None)) is not None:
+        notes.append(Assumption(f"the numbers are not multiplied by the {factor[1]} above them"))
     return notes
+
+
+def _about_rows(rows: Sequence[Cells], channels: Sequence[int], decimal: str) -> list[str]:
+    """The doubt whether columns without names hold one signal, written row by row: they look alike."""
+    numbers = np.array([[parse_number(row[i], decimal) for i in channels] for row in rows], dtype=np.float64)
+    numbers = numbers[np.isfinite(numbers).all(axis=1)] if len(channels) >= _MIN_ALIKE else numbers[:0]
+    if len(numbers) < _MIN_ALIKE:
+        return []
+    spread, means = numbers.std(axis=0), numbers.mean(axis=0)
+    if not (np.ptp(means) < _ALIKE * spread.min() and spread.max() < (1 + _ALIKE) * spread.min()):
+        return []
+    return [Assumption(f"the {len(channels)} columns look alike: are they one signal, written row by row?")]
 
 
 def explain_doubt(name: str, form: NumberForm, rival: NumberForm, cells: Sequence[str]) -> str:
@@ -124,6 +142,8 @@ def explain_doubt(name: str, form: NumberForm, rival: NumberForm, cells: Sequenc
 
 _COMMENT_NAME_LENGTH, _COMMENT_NAME_WORDS = 40, 3
 _MIN_CODE_ROWS = 20
+_SINCE_1970 = 1e9
+"""A first column that begins beyond this, in s, holds stamps, which may have no name."""
 _MAX_HEADER_PLACE, _MAX_HEADER_LENGTH = 50, 4000
 """Lines of the head that are looked at for settings and for names that break, and their length."""
 
@@ -202,9 +222,12 @@ def read_header(
     spare = table.form.delimiter != " "  # `seconds pressure` below a sentence are names themselves
     level = (len(row[1]) <= len(upper[1]) + spare for row, upper in pairwise(above))
     place = next((i for i, fits in enumerate(level) if fits and are_units(above[i][1])), -1)
-    # `Unix,CAL,CAL` above the units only says what was done to each column.
     said = [{cell.lower() for cell in cells} for _, cells in above]
-    told = (i for i in range(place + 1, len(above)) if 2 * len(said[i] & _PROCESSING) < len(said[i]))
+    # `Unix,CAL,CAL` above the units only says what was done to each column; `5s 15s 20d` of the USGS are widths.
+    idle = [
+        2 * len(found & _PROCESSING) >= len(found) or all(cell[:1].isdecimal() for cell in found) for found in said
+    ]
+    told = (i for i in range(place + 1, len(above)) if not idle[i])
     rows = above[: next(told, place + 1) + 1]
     unit_row = above[place] if place >= 0 else None
     if plan.preface.unit_row is not None:
@@ -253,6 +276,9 @@ def _find(head: Sequence[str], table: HeadTable, body: Body, plan: Plan, kinds: 
     beside = len(above) == 1 and commented is not None and commented[0] == above[0][0] - 1
     if commented is not None and (not above or (beside and are_units(above[0][1]))):
         above.append(commented)
+        upper = _commented_header(head[: commented[0] - 1], table, replace(body, first=commented[0]), kinds)
+        if len(above) == 1 and upper and upper[0] == commented[0] - 1 and are_units(commented[1]):
+            above.append(upper)  # `# t x` above `# s mm`
     if not above and (plan.options.header or _is_code_row(table, body)) and len(body.rows) > 1:
         return [body.rows[0]], body.rows[1][0]
     if len(above) == 1 and all(is_unit(cell) and len(cell) > 2 for cell in above[0][1]):
@@ -277,6 +303,10 @@ def _named(row: Row, table: HeadTable, body: Body) -> tuple[list[Column], list[s
     if more <= 0:
         names = (*cells, *[""] * trailing)[:width]
         return list(map(named_column, names)), notes[: 1 + any(cells[width:])]
+    since = parse_number(body.rows[0][1][0], table.form.decimal) or 0.0
+    is_dated = body.types[0].kind == "stamp" or since > _SINCE_1970
+    if len(cells) == width - 1 and is_dated and not time_name(named_column(cells[0])).strength:
+        return [Column(""), *map(named_column, cells)], notes
     if len(cells) == width - 1 and _are_row_names(cells[0], body):
         return [Column("", role="row name"), *map(named_column, cells)], notes
     names = (*cells, *[cells[-1] if more > 1 else ""] * more, *[""] * trailing)
@@ -293,7 +323,7 @@ def _are_row_names(first: str, body: Body) -> bool:
 
 def _commented_header(head: Sequence[str], table: HeadTable, body: Body, kinds: CellKinds) -> Row | None:
     """The last comment above the data where it is a list of names, as `# time ax ay` of numpy.savetxt."""
-    number = next((number for number in range(body.first - 1, 0, -1) if is_comment(head[number - 1])), 0)
+    number = next((number for number in range(body.first - 1, 0, -1) if _is_remark(head[number - 1])), 0)
     row = _row(head, number, table) if table.width > 1 else None
     names = row[1] if row else ()
     while len(names) > 1 and not names[-1]:
@@ -301,6 +331,10 @@ def _commented_header(head: Sequence[str], table: HeadTable, body: Body, kinds: 
     full = 0 < len(names) <= table.width and all(kind.kind == "empty" for kind in body.types[len(names) :])
     numeric = any(kinds[name] in ("number", "stamp", "missing") for name in names)
     return (number, names) if full and not numeric and all(map(_is_name, names)) else None
+
+
+def _is_remark(line: str) -> bool:
+    return is_comment(line) and line.strip(" \t#%/") != ""
 
 
 def _is_name(text: str) -> bool:
@@ -332,6 +366,9 @@ def _is_code_row(table: HeadTable, body: Body) -> bool:
 #
 #     # unit volume: 1e8 m3
 
+
+_MIN_ALIKE, _ALIKE = 4, 0.3
+"""Columns, and rows, of one signal that is written row by row, and how little their means and spreads differ."""
 
 MAX_COLUMNS = 256
 """A table wider than this is not a log of samples (a list per line, an image, one case per line)."""
@@ -425,27 +462,30 @@ def _layout(
     if not header.rows and is_table:
         # Only columns after the last number are empty: `1,,3` has a second channel that is still missing.
         last = max((i for i, column in enumerate(columns) if column.role != "empty"), default=-1)
-        columns[:last] = [replace(c, role="channel") if c.role == "empty" else c for c in columns[:last]]
+        begin = int(table.form.delimiter == "|")  # `| 1 | 2 |` has no column in front
+        columns[begin:last] = [replace(c, role="channel") if c.role == "empty" else c for c in columns[begin:last]]
     cells = [row for _, row in body.rows]
     if table.form.stamped:
         stamps = {line.number: line.stamp for line in lines}
         cells = [(stamps[number], *row) for number, row in body.rows]
-        columns.insert(0, Column("time"))
+        columns.insert(0, Column("time", (split_measure(cells[0][0]) or ("", ""))[1]))
     time = _find_time(columns, cells, table, header, plan)
     columns, about_series = mark_series(columns, cells, time, table.form.decimal)
+    named = [column.name for column in columns]
     columns, time, about_columns = settle_roles(columns, time)
+    channels = [i for i, column in enumerate(columns) if column.role == "channel"]
     in_turns = table.form.kind == "labels" and not table.form.complete
-    labels = [i for i, column in enumerate(columns) if column.role == "channel"]
-    lead = leading_label(cells, labels) if in_turns else None
+    lead = leading_label(cells, channels) if in_turns else None
     above = sum(number < header.first for number, _ in table.rows)
     notes = (
-        *explain(table, plan, body, second),
+        *explain(head, table, plan, body, second),
         *about_numbers,
         *([Assumption(f"{above} lines of numbers above the table are left out")] if above > 1 else []),
         *header.notes,
         *([] if lead is None else [f'several lines make up a row; "{columns[lead].name}" begins each']),
         *about_series,
         *about_columns,
+        *(_about_rows(cells, channels, table.form.decimal) if time is None and not any(named) else ()),
         *plan.preface.notes,
     )
     return Layout(

@@ -208,11 +208,8 @@ class _Grid:
         data = [i for i, line in enumerate(lines) if i >= best and line.fit in ("row", "partial")]
         if not data:
             return self._table.rows[0][0]
-        start = (
-            data[0]
-            if best
-            else next((i for i in data if not self._is_label(lines[max(0, i - 1) : i + 1])), data[0])
-        )
+        likely = (i for i in data if best or not self._is_label(lines[max(0, i - 1) : i + 1]))
+        start = next(likely, data[0])
         while start and (lines[start - 1].fit == "void" or self._repeats(lines[max(0, start - 2) : start + 1])):
             start -= 1
         return lines[start].number
@@ -224,10 +221,16 @@ class _Grid:
         return len(lines) > 2 and lines[1].fit == "text" and len({*cells}) == 1 and near.count(cells) > 1
 
     def _is_label(self, lines: Sequence[_Line]) -> bool:
-        """True for `Sample rate,100`, the last of two lines, where the first holds no names: text above numbers."""
-        strange = self._types[0].judge(lines[-1].cells[0], self._kinds) == "strange"
+        """True for `Sample rate,100`, the last of two lines, where the first holds no names: text above numbers.
+
+        More texts than numbers are a label anywhere: `08:30:05 CPU %user %nice`, a stamp beside names.
+        """
+        cells = lines[-1].cells
+        judged = zip(self._types, cells, strict=False)
+        texts = {cell for kind, cell in judged if kind.judge(cell, self._kinds) == "strange"}
         nameless = len(lines) < 2 or lines[0].fit != "text" or self._is_setting(lines[0].cells)
-        return lines[-1].fit == "partial" and strange and nameless
+        named = len(texts) > max(1, sum(self._kinds[cell] in NUMERIC for cell in cells))
+        return lines[-1].fit == "partial" and (named or (cells[0] in texts and nameless))
 
     def _begins_anew(self, line: _Line, above: Sequence[_Line], below: Sequence[_Line]) -> bool:
         """True for names that differ from those above, below an empty line or one that is not of the table.
@@ -255,6 +258,8 @@ class _Grid:
         """(line number, cells) of the lines of text right above the first row that may name its columns."""
         found: list[Row] = []
         lines = [line for line in self._lines if line.number < first][-MAX_HEADER_LINES:]
+        if [(line.fit, len(line.cells)) for line in lines[-2:]] == [("text", self._table.width), (None, 1)]:
+            lines.pop()  # `Step Information: R=1K` below the names
         for line in reversed(lines):
             if set(line.text) - _RULED:
                 cells = header_cells(line.text, self._table.form.delimiter, self._least)
@@ -310,9 +315,12 @@ MIN_RUN, MIN_NAMED_RUN = 8, 3
 MAX_JUDGED = 500
 """Rows of a run by which two widths are compared."""
 _BEGIN = re.compile(
-    r"[\W_]*(?:(?:begin|start)(?: of)?[ _]?)?(?:data|end[ _]?of[ _]?header|end[ _]header|(?<=\*)end)[\W_]*",
+    r"[\W_]*(?:(?:begin|start)(?: of)?[ _]?)?"
+    r"(?:data|end[ _]?of[ _]?header|end[ _]header|(?<=\*)end|(?<=# )columns: [0-9]+)[\W_]*",
     re.IGNORECASE,
 )
+SCALE = re.compile(r"[ \t]{0,8}(1\.0e[+-][0-9]{2}) \*[ \t]{0,8}")
+"""The common factor that MATLAB prints above a matrix."""
 _MAX_PREFACE = 2000
 """Lines above which a table begins."""
 MIN_TEXT_SHARE = 0.04
@@ -343,8 +351,8 @@ def candidate_lines(head: Sequence[str], after: int = 0) -> tuple[list[HeadLine]
         head: The first lines, and those from further down.
         after: Line number above the first that may hold data.
     """
-    texts = enumerate(head[after:], after + 1)
-    lines = shaped([HeadLine(i, text) for i, text in texts if not is_blank(text) and not is_comment(text)])
+    numbered = [HeadLine(i, text) for i, text in enumerate(head[after:], after + 1) if not SCALE.fullmatch(text)]
+    lines = shaped([line for line in numbered if not is_blank(line.text) and not is_comment(line.text)])
     some = first_of_each_shape(lines)
     stamped = {shape for shape, texts in some.items() if split_stamp(texts[0])}
     is_stamped = sum(line.shape in stamped for line in lines) > len(lines) / 2
@@ -404,9 +412,8 @@ def _as_table(
     kinds: CellKinds,
 ) -> HeadTable | None:
     """The lines of the commonest width, weighed by how much they look like data."""
-    likely = {
-        shape: sum(likeness(split(text), kinds) for text in texts) / len(texts) for shape, texts in some.items()
-    }
+    shares = {shape: [likeness(split(text), kinds) for text in texts] for shape, texts in some.items()}
+    likely = {shape: sum(found) / len(found) for shape, found in shares.items()}
     # Quotes and delimiters are the same in all lines of a shape.
     widths = {shape: len(split(texts[0])) for shape, texts in some.items()}
     weight: Counter[int] = Counter()
@@ -455,6 +462,8 @@ def _grown_width(rows: list[Row], above: Iterable[Row], width: int, kinds: CellK
     for run in runs:
         if len(run) >= (MIN_NAMED_RUN if named == widest else MIN_RUN):
             long.setdefault(len(run[0][1]), []).extend(run[:MAX_JUDGED])
+    if rows and width < named == len(rows[0][1]):
+        long.setdefault(named, rows[:1])  # it alone holds what is the same in all: a serial number
     if len(long) < 2 or width not in long:
         return width, frozenset()
     types, widest = {w: _types(some, w, kinds) for w, some in long.items()}, max(long)
@@ -543,7 +552,7 @@ def _score(lines: list[HeadLine], table: HeadTable) -> float:
         return table.score
     if form.delimiter == " ":
         some = [line.text for line in lines[::step]]
-        listed = sum(", " in text and _COMMA_INSIDE.search(text) is not None for text in some)
+        listed = sum(2 * len(_COMMA_INSIDE.findall(text)) > text.count(", ") > 0 for text in some)
         return table.score * (LISTED if form.decimal == "," and 2 * listed > len(some) else BLANKS)
     if table.width > 1:
         return table.score

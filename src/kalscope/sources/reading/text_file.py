@@ -168,23 +168,23 @@ def _sha256(path: Path, left: Event) -> str:
 
 @contextmanager
 def text_as_file(
-    lines: Iterable[str], origin: RawFile, progress: Progress, newline: str = "\n"
+    lines: Iterable[str | bytes], origin: RawFile, progress: Progress, newline: str = "\n"
 ) -> Generator[RawFile]:
     """Lines that a container holds as a text file, which lasts as long as the context.
 
     Args:
-        lines: The lines.
+        lines: The lines, or pieces of bytes.
         origin: The file that holds them.
         progress: Called every 4,096 lines.
         newline: What is written after each line; "" where the lines hold their own.
     """
     with temporary_folder() as folder:
         target = folder / "text"
-        with target.open("w", encoding="utf-8", errors="replace", newline="\n") as out:
+        with target.open("wb") as out:
             for number, line in enumerate(lines):
                 if number % 4096 == 0:
                     progress(0.5, "reading")
-                out.write(line + newline)
+                out.write(line if isinstance(line, bytes) else (line + newline).encode("utf-8", "replace"))
         with target.open("rb") as file:
             head = file.read(HEAD_BYTES)
         yield replace(origin, path=target, size=target.stat().st_size, head=head)

@@ -38,20 +38,21 @@ from kalscope.sources.reading.columns import Cells, Column
 _TIME_WORDS = words(
     """
     time times timestamp timestamps stamp tstamp ts datetime date dates elapsed uptime epoch unixtime clock timer
-    zeit uhrzeit zeitstempel datum tiempo fecha hora heure horodatage tempo
+    zeit uhrzeit zeitstempel datum tiempo fecha hora heure horodatage tempo yyyymmdd
+    tow
     """
 )
-_DATE_WORDS = words("date dates datetime datum fecha")
+_DATE_WORDS = words("date dates datetime datum fecha yyyymmdd")
 _DECIMAL_WORDS = words("decimal dec fractional")
 """Beside a word of time they mean years such as 1958.2027."""
-_DAY_COUNTS = words("jd hjd bjd")
-"""Julian dates: of the Earth, the sun and the solar system."""
+_DAY_COUNTS = words("jd hjd bjd mjd datenum")
+"""Julian dates: of the Earth, the sun and the solar system, modified ones; MATLAB's days since the year 0."""
 # Beside these a word of time stays one: "Device Time", "time since start", "Timestamp (Formatted)".
 _FILLERS = words(
     """
     in of the since from start and utc gmt local host device gps unix system relative rel absolute abs sensor sample
     sampling record recorded recording measurement logger log formatted total boot iso iso8601
-    hh mm ss
+    string hh mm ss
     """
 )
 # Other words for a unit are also quantities or counts: h, d, min, hour.
@@ -234,11 +235,15 @@ def _joined(
         elif may_be_digits and (digits := clock_form([row[i] for row in rows])):
             clocks[i] = digits
     joined: list[TimeColumn] = []
+    places = {_role(column.name): j for j, column in enumerate(columns)}
+    numbered: list[tuple[PartRole, int]] = [(role, places[role]) for role in ("hour", "minute") if role in places]
     for i, stamps in days.items():
         beside = [j for j in (i + 1, i - 1) if j in clocks] + [j for j in clocks if names[j].strength == 2]
+        dated = replace(forms[i], parts=(("date", i), *numbered), day=float(stamps[0]))
         if beside:
-            parts: tuple[tuple[PartRole, int], ...] = (("date", i), ("clock", beside[0]))
-            joined.append(replace(forms[i], clock=clocks[beside[0]], parts=parts, day=float(stamps[0])))
+            joined.append(replace(dated, clock=clocks[beside[0]], parts=(("date", i), ("clock", beside[0]))))
+        elif "hour" in places:
+            joined.append(dated)
     return joined
 
 
@@ -294,8 +299,8 @@ def unnamed_time(columns: list[Column], rows: list[Cells], decimal: str, *, name
         if form is not None:
             stamps = stamps_of(replace(form, index=i), rows, decimal)
             read[i] = replace(form, index=i), stamps[np.isfinite(stamps)]
-    channels = [i for i in read if columns[i].role == "channel"]
-    all_rise = all(bool(np.all(np.diff(read[i][1]) > 0)) for i in channels)
+    channels = [i for i, column in enumerate(columns) if column.role == "channel"]
+    all_rise = all(i in read and bool(np.all(np.diff(read[i][1]) > 0)) for i in channels)
     found: list[Weighed] = []
     for i, (form, stamps) in read.items():
         if stamps.size < _MIN_ROWS:
@@ -306,7 +311,7 @@ def unnamed_time(columns: list[Column], rows: list[Cells], decimal: str, *, name
         elif i == 0 and may_lead and _is_ramp(stamps):
             found.append((3, TimeColumn(0, "number", unit)))
         elif i in channels and not (named or all_rise) and _is_ramp(stamps) and judge(stamps).even >= MIN_EVEN:
-            found.append((2, form))
+            found.append((2, replace(form, unit=UNIT_OF_WORD.get(columns[i].unit.lower(), ""))))
         elif i in channels and is_since_1970(stamps) and stamps.size == len(rows):
             # A burst of samples may share its stamp.
             steps = int(np.count_nonzero(np.diff(stamps)))
@@ -413,10 +418,9 @@ def _with_repeated(column: TimeColumn, columns: list[Column], rows: list[Cells],
         return column
     stamps = zip(stamps_of(column, rows, decimal).tolist(), rows, strict=True)
     moments = [((_EPOCH + timedelta(microseconds=at)).timetuple(), row) for at, row in stamps if abs(at) < _MAX_US]
-    also = [
-        i for i, place in places.items() if all(at[place] == parse_number(row[i], decimal) for at, row in moments)
-    ]
-    return replace(column, also=tuple(i for i in also if moments and i not in column.indices))
+    left = {i: place for i, place in places.items() if moments and i not in column.indices}
+    also = (i for i, at in left.items() if all(m[at] == parse_number(row[i], decimal) for m, row in moments))
+    return replace(column, also=tuple(also))
 
 
 def _sampled(rows: list[Cells]) -> list[Cells]:
