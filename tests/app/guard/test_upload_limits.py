@@ -15,12 +15,12 @@ from viser import _messages as messages
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection
 from websockets.sync.connection import Connection
-from wire import CAMERA, PATIENCE, close_code, messages_in, packed
+from wire import CAMERA, PATIENCE, close_code, packed
 
 from kalscope_app.guard import messages as message_filter
 from kalscope_app.guard import requests
 from kalscope_app.guard import server as guard
-from kalscope_app.guard.messages import MAX_BURST, MAX_NAME, MAX_TEXT
+from kalscope_app.guard.messages import MAX_BURST, MAX_NAME
 from kalscope_app.guard.server import GuardedServer, guarded_server
 
 TOKEN = "T0ken-T0ken_T0ken"
@@ -129,18 +129,6 @@ def test_of_a_mixed_update_only_the_value_is_taken(bench, scope):
     assert bench.texts[scope]._impl.removed is False
 
 
-@SCOPES
-@each(
-    "value",
-    [1, None, True, ["x"], {"a": 1}, b"bytes", "x" * (MAX_TEXT + 1)],
-    ids=lambda value: repr(value)[:12],
-)
-def test_a_value_of_another_kind_leaves_the_widget_as_it_is(bench, scope, value):
-    bench.update(scope, value=value)
-    bench.settle()
-    assert bench.texts[scope].value == "old"
-
-
 def test_a_share_request_does_nothing(bench, monkeypatch):
     """W13: stock viser opens a tunnel to a public server."""
     tunnels = []
@@ -165,7 +153,9 @@ def test_an_upload_within_the_cap_arrives(bench, scope):
 
 
 @SCOPES
-@pytest.mark.parametrize(("size", "parts"), [(CAP + 1, 3), (10**12, 2 * 10**6), (CAP, 10**9), (5, 0), (-1, 0)])
+@pytest.mark.parametrize(
+    ("size", "parts"), [(CAP + 1, 3), (10**12, 2 * 10**6), (CAP, 10**9), (5, 0), (1, 2), (-1, 0)]
+)
 def test_an_oversize_upload_is_refused_before_a_part_is_stored(bench, scope, size, parts):
     uuid = bench.buttons[scope]._impl.uuid
     bench.start(uuid, size, parts)
@@ -343,29 +333,3 @@ def test_no_more_clients_than_there_is_room_for(bench, monkeypatch):
     wait_for(lambda: len(bench.running.server._websock_server._live_connections) == 1, bench)
     with client(bench.running.port) as after:
         after.recv(timeout=PATIENCE)
-
-
-# --- several browsers -------------------------------------------------------------------------------------
-
-
-def test_after_a_gesture_every_browser_is_told_the_same_value(bench):
-    """Its sender too: stock viser never tells it, so crossing edits leave two screens that differ."""
-    uuid = bench.texts["shared"]._impl.uuid
-    with client(bench.running.port) as other:
-        second = Bench(bench.running, other, bench.refused)
-        second.send("ViewerCameraMessage", **CAMERA)
-        wait_for(lambda: len(bench.running.server.get_clients()) == 2, bench)
-        second.texts = bench.texts
-        second.update("shared", value="settled here")
-        wait_to_hear(other, uuid, "settled here")
-
-
-def wait_to_hear(connection: Connection, uuid: str, value: object) -> None:
-    """Until the server sends this client that value of a widget; it may be sent the one before first."""
-    heard = None
-    while heard != value:
-        frame = connection.recv(timeout=PATIENCE)
-        assert isinstance(frame, bytes)
-        for message in messages_in(frame):
-            if message["type"] == "GuiUpdateMessage" and message["uuid"] == uuid:
-                heard = message["updates"].get("value", heard)
