@@ -12,12 +12,7 @@ from headless import headless
 
 from kalscope import Recording
 from kalscope.papers.generalized import GeneralizedParams
-from kalscope_app.session.changes import (
-    pin_present,
-    set_match_by,
-    set_velocity,
-    set_window,
-)
+from kalscope_app.session.changes import pin_present, set_match_by, set_velocity, set_window
 from kalscope_app.session.opening import opened
 
 RNG = np.random.default_rng(71)

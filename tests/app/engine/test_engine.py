@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from waiting import PATIENCE
+from waiting import PATIENCE, wait_until
 
 from kalscope import FilterParams, Recording, diagnose, kalman_filter, steady_state
-from kalscope_app.engine.engine import DELAYS, Engine, Part, Schedule, is_move
+from kalscope_app.engine.engine import DELAYS, Engine, Part, Schedule, Studies, Study, is_move
 from kalscope_app.engine.filter_runs import MAX_POINTS, choose_samples
 from kalscope_app.engine.frame import compute_frame, samples_to_settle
 from kalscope_app.session.changes import (
@@ -33,7 +33,7 @@ class Screen:
     """Collects frames as a view would; `delay` makes it slow."""
 
     def __init__(self, delay=0.0):
-        self.frames, self.told, self.headings, self.delay = [], [], [], delay
+        self.frames, self.told, self.delay = [], [], delay
         self.drawn = {part: [] for part in Part}
         self.news = threading.Condition()
 
@@ -45,10 +45,9 @@ class Screen:
                 self.drawn[part].append(frame.serial)
             self.news.notify_all()
 
-    def tell(self, message, failed=None):
+    def tell(self, message, **_how):
         with self.news:
             self.told.append(message)
-            self.headings.append(failed)
             self.news.notify_all()
 
     def wait(self, condition):
@@ -84,6 +83,20 @@ def test_after_a_burst_of_requests_the_last_frame_holds_the_last_value(running, 
     expected = kalman_filter(frame.state.recording.channel("z"), frame.state.params).x
     assert np.array_equal(frame.filtered, expected[frame.drawn.indices])
     assert len(screen.frames) < 100
+
+
+@pytest.mark.slow
+def test_studies_are_of_the_last_state_and_one_that_fails_is_told_and_the_next_one_runs(session):
+    screen, shown = Screen(), []
+    failing = Study(lambda _: 1 / 0, pytest.fail, screen.tell)
+    studies = Studies([failing, Study(lambda state: state, shown.append, pytest.fail)])
+    engine = Engine(session, screen.show, screen.tell, studies)
+    engine.start()
+    for q in "78":
+        session.request(set_text("q", q))
+    wait_until(lambda: shown and shown[-1].tuning.q == 8, "the studies of the last state")
+    assert {type(error) for error in screen.told} == {ZeroDivisionError}
+    engine.stop()
 
 
 def test_a_failing_view_does_not_stop_the_engine(session):

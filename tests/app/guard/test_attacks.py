@@ -1,4 +1,4 @@
-"""The attack table against the real program, one row a case; and the table in the docs says the same."""
+"""The attack table against the real program, one row a case; and the tests that SECURITY.md promises exist."""
 
 from __future__ import annotations
 

@@ -15,7 +15,7 @@ from viser import _messages as messages
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection
 from websockets.sync.connection import Connection
-from wire import CAMERA, PATIENCE, close_code, packed
+from wire import CAMERA, PATIENCE, close_code, messages_in, packed
 
 from kalscope_app.guard import messages as message_filter
 from kalscope_app.guard import requests
@@ -149,6 +149,8 @@ def test_an_upload_within_the_cap_arrives(bench, scope):
     bench.start(uuid, 3, 1)
     bench.part(uuid, 0, b"1,2")
     assert bench.uploaded.get(timeout=PATIENCE) == viser.UploadedFile("x.csv", b"1,2")
+    bench.start(uuid, 0, 0)  # an empty file has no parts
+    assert bench.uploaded.get(timeout=PATIENCE) == viser.UploadedFile("x.csv", b"")
     assert bench.under_way() == {}
 
 
@@ -333,3 +335,29 @@ def test_no_more_clients_than_there_is_room_for(bench, monkeypatch):
     wait_for(lambda: len(bench.running.server._websock_server._live_connections) == 1, bench)
     with client(bench.running.port) as after:
         after.recv(timeout=PATIENCE)
+
+
+# --- several browsers -------------------------------------------------------------------------------------
+
+
+def test_after_a_gesture_every_browser_is_told_the_same_value(bench):
+    """Its sender too: stock viser never tells it, so crossing edits leave two screens that differ."""
+    uuid = bench.texts["shared"]._impl.uuid
+    with client(bench.running.port) as other:
+        second = Bench(bench.running, other, bench.refused)
+        second.send("ViewerCameraMessage", **CAMERA)
+        wait_for(lambda: len(bench.running.server.get_clients()) == 2, bench)
+        second.texts = bench.texts
+        second.update("shared", value="settled here")
+        wait_to_hear(other, uuid, "settled here")
+
+
+def wait_to_hear(connection: Connection, uuid: str, value: object) -> None:
+    """Until the server sends this client that value of a widget; it may be sent the one before first."""
+    heard = None
+    while heard != value:
+        frame = connection.recv(timeout=PATIENCE)
+        assert isinstance(frame, bytes)
+        for message in messages_in(frame):
+            if message["type"] == "GuiUpdateMessage" and message["uuid"] == uuid:
+                heard = message["updates"].get("value", heard)

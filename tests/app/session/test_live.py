@@ -15,13 +15,7 @@ from kalscope.tuning.tuning import ChannelTuning, Tuning
 from kalscope_app.engine.engine import Engine, Part
 from kalscope_app.engine.filter_runs import FilterRuns, choose_samples
 from kalscope_app.engine.frame import compute_frame
-from kalscope_app.session.changes import (
-    reset_parameters,
-    set_board_channel,
-    set_text,
-    set_window,
-    use_chain,
-)
+from kalscope_app.session.changes import reset_parameters, set_board_channel, set_text, set_window, use_chain
 from kalscope_app.session.live_changes import (
     MAX_STUDIED,
     START_SAMPLES,

@@ -21,15 +21,7 @@ from kalscope_app.session.opening import opened
 from kalscope_app.session.state import SAME_LAG, SAME_NUMBERS
 from kalscope_app.studies.checks import compute_spectra
 from kalscope_app.studies.comparisons import MAX_LANE_POINTS, MAX_LANES, AlternativesStudy, Overviews
-from kalscope_app.views.chart_tabs import (
-    ALL,
-    NAMES,
-    cutoff_words,
-    lanes_of,
-    lead_of,
-    table_of,
-    text_of,
-)
+from kalscope_app.views.chart_tabs import ALL, NAMES, cutoff_words, lanes_of, lead_of, table_of, text_of
 from kalscope_app.views.charts import Scale
 
 RNG = np.random.default_rng(30)

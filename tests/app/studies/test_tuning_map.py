@@ -9,21 +9,9 @@ import numpy as np
 import pytest
 
 from kalscope import FilterParams, Recording, estimate, log_likelihood, steady_state, synthesize
-from kalscope_app.session.changes import (
-    set_automatic_start,
-    set_exponent,
-    set_momentum_text,
-    set_point,
-    set_window,
-)
+from kalscope_app.session.changes import set_automatic_start, set_exponent, set_momentum_text, set_point, set_window
 from kalscope_app.session.opening import opened
-from kalscope_app.studies.tuning_map import (
-    TUNING_MAP_CELLS,
-    MapMaker,
-    cell_exponents,
-    frame_for,
-    lag_lines,
-)
+from kalscope_app.studies.tuning_map import TUNING_MAP_CELLS, MapMaker, cell_exponents, frame_for, lag_lines
 
 
 def walk(n=5000, q=0.02, r=1.0, seed=0, scale=1.0, period=0.01):
