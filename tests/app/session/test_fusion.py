@@ -23,6 +23,7 @@ from kalscope_app.session.changes import (
     select_channel,
     sensor_limits,
     set_exponent,
+    set_link,
     set_momentum_text,
     set_sensor_exponent,
     set_sensor_text,
@@ -33,6 +34,7 @@ from kalscope_app.session.changes import (
 from kalscope_app.session.live_changes import opened_live, refreshed
 from kalscope_app.session.opening import opened, opened_with
 from kalscope_app.session.session import Session, redo, undo
+from kalscope_app.session.state import SAME_NUMBERS
 
 SENSORS = ("a", "b", "c")
 
@@ -130,6 +132,9 @@ def test_q_momentum_and_gate_are_those_of_the_fused_filter_while_it_is_on_screen
     assert set_text("gate", "off")(tuned).fusion.used.params.gate is None
     assert np.array_equal(frame_of(tuned).filtered, fuse(tuned.readings, tuned.fusion.used.params).x)
     assert reset_parameters(set_taking_part("a", False)(tuned)).settings == state.settings
+    linked = stop_fusing(set_link(SAME_NUMBERS)(tuned))  # of the channels, not of the fused value
+    assert tuple(one.name for one in linked.settings.tunings) == linked.recording.names
+    assert linked.tuning == before[0]
 
 
 def test_a_channel_and_the_fused_value_are_chosen_by_name(state):
