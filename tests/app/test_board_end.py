@@ -5,53 +5,23 @@ from __future__ import annotations
 import os
 import re
 import signal
-import threading
 import time
-from contextlib import suppress
+from contextlib import ExitStack
+from itertools import count
 from pathlib import Path
 
 import pytest
+from line_sender import line_sender
 from program import end, is_free, labels, port_of, running, token_of
-from terminal import link_to
 from waiting import wait_until
 from wire import PATIENCE, Guest
-
-tty = pytest.importorskip("tty", reason="there are no pseudo-terminals here")
 
 SIGNALS = [signal.SIGINT, signal.SIGTERM, signal.SIGHUP]
 
 
-class Board:
-    """A pseudo-terminal on which `number,half of it` comes a hundred times a second."""
-
-    def __init__(self):
-        self.master, self.slave = os.openpty()
-        tty.setraw(self.slave)
-        self.port, self.sent, self._end = link_to(os.ttyname(self.slave)), 0, threading.Event()
-        self._thread = threading.Thread(target=self._run)
-
-    def __enter__(self):
-        os.set_blocking(self.master, False)
-        self._thread.start()
-        return self
-
-    def __exit__(self, *_):
-        self.unplug()
-
-    def unplug(self):
-        """Pull the cable."""
-        if not self._end.is_set():
-            self._end.set()
-            self._thread.join()
-            self.port.unlink()
-            os.close(self.slave)
-            os.close(self.master)
-
-    def _run(self):
-        while not self._end.wait(0.01):
-            with suppress(BlockingIOError):
-                os.write(self.master, b"%d,%.1f\n" % (self.sent, self.sent / 2))
-            self.sent += 1
+def numbered():
+    """`number,half of it`, without end."""
+    return (f"{number},{number / 2:.1f}\n" for number in count())
 
 
 def start_recording(guest, folder):
@@ -79,7 +49,7 @@ def assert_finished(file):
 
 @pytest.mark.parametrize("by", SIGNALS)
 def test_a_recording_is_finished_and_nothing_is_left_behind(tmp_path, by):
-    with Board() as board, running(tmp_path, source=f"serial:{board.port}@115200") as (program, url):
+    with line_sender(lines=numbered) as board, running(tmp_path, source=board) as (program, url):
         port = port_of(url)
         with Guest(port, token_of(url)) as guest:
             file = start_recording(guest, tmp_path)
@@ -89,8 +59,6 @@ def test_a_recording_is_finished_and_nothing_is_left_behind(tmp_path, by):
         assert_finished(file)
         assert is_free(port)
         assert os.listdir(tmp_path / "tmp") == []
-        with open(board.port, "rb", buffering=0) as again:  # it is no longer held exclusively
-            assert again.read(1)
 
 
 FOR_EVER = 10 * PATIENCE
@@ -105,8 +73,8 @@ Engine.stop = lambda self: time.sleep({FOR_EVER})
 
 def test_a_recording_is_finished_although_a_frame_takes_for_ever(tmp_path):
     with (
-        Board() as board,
-        running(tmp_path, source=f"serial:{board.port}@115200", change=SLOW_FRAMES) as (program, url),
+        line_sender(lines=numbered) as board,
+        running(tmp_path, source=board, change=SLOW_FRAMES) as (program, url),
         Guest(port_of(url), token_of(url)) as guest,
     ):
         file = start_recording(guest, tmp_path)
@@ -116,27 +84,30 @@ def test_a_recording_is_finished_although_a_frame_takes_for_ever(tmp_path):
 
 SWALLOWING = f"""
 import pathlib, time
-from kalscope.sources.port.serial_port import SerialPort
-openings, connect = [], SerialPort.__init__
+from kalscope.sources.port.serial_port import SocketPort
+openings, connect = [], SocketPort.__init__
 def slow(*arguments):
     openings.append(1)
     if len(openings) > 1:
         pathlib.Path("connecting").touch()
         time.sleep({FOR_EVER})
     return connect(*arguments)
-SerialPort.__init__ = slow
+SocketPort.__init__ = slow
 """
 
 
 def test_a_recording_is_finished_although_its_board_does_not_answer(tmp_path):
     """A network that swallows what is sent: to connect again takes longer than the program has to end."""
     with (
-        Board() as board,
-        running(tmp_path, source=f"serial:{board.port}@115200", change=SWALLOWING) as (program, url),
+        ExitStack() as plugged,
+        running(tmp_path, source=plugged.enter_context(line_sender(lines=numbered)), change=SWALLOWING) as (
+            program,
+            url,
+        ),
         Guest(port_of(url), token_of(url)) as guest,
     ):
         file = start_recording(guest, tmp_path)
-        board.unplug()
+        plugged.close()
         guest.read_until(lambda: "disconnected" in "".join(guest.markdown.values()))
         wait_until((tmp_path / "connecting").exists, "an attempt to connect again")
         assert end(program)[0] == 0

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import os
-import re
-import signal
 import socket
 
 import pytest
-from program import end, is_free, link_of, running, start
+from program import end, link_of, start
 from required import needs
 from wire import PATIENCE
 
@@ -43,7 +40,6 @@ FILES = {
     "header.csv": b"time,z\n",
     "letter.txt": b"Dear reader,\nthis is a letter without numbers.\n",
     "picture.png": b"\x89PNG\r\n\x1a\n\x00\x00\x00\rIHDR" + bytes(range(256)) * 4,
-    "words.csv": b"name\nanna\nbert\ncarl\n",
     "missing.csv": b"time,z\n0,\n1,nan\n2,\n",
     "not.toml": b"q = [",
     "none.toml": b"format = 1\n",
@@ -60,7 +56,6 @@ FILES = {
         (["open", "header.csv"], "must hold numbers below its header"),
         (["open", "letter.txt"], "must"),
         (["open", "picture.png"], "must be a text file (got a PNG image)"),
-        (["open", "words.csv"], "must"),
         (["open", "missing.csv"], "must"),
         (["open", "sample:nothing"], "nothing"),
         (["open", "synthetic:zigzag"], "shape must be one of"),
@@ -74,6 +69,12 @@ FILES = {
         (["open", "demo", "--host", "0.0.0.0", "--no-browser"], "--allow-host"),
         (["open", "demo", "--no-such-option"], "--no-such-option"),
         (["opne"], "opne"),
+        (["open", "demo", "--q", "much"], "q must be a number"),
+        (["open", "demo", "--q", "0", "--r", "0"], "not both be 0"),
+        (["open", "demo", "--x0", "3"], "x0 needs p0"),
+        (["open", "demo", "--gate", "0"], "gate must be"),
+        (["open", "demo", "--momentum", "long"], "momentum must be a number"),
+        (["open", "demo", "--channel", "w"], "channel must be one of"),
     ],
 )
 def test_what_cannot_be_opened_is_refused_in_one_line(arguments, message, tmp_path, monkeypatch, capsys):
@@ -81,18 +82,6 @@ def test_what_cannot_be_opened_is_refused_in_one_line(arguments, message, tmp_pa
         (tmp_path / name).write_bytes(content)
     monkeypatch.chdir(tmp_path)
     assert message in refusal(arguments, capsys)
-
-
-@pytest.mark.skipif(os.name != "posix", reason="signals as POSIX has them")
-@pytest.mark.parametrize("stop", ["SIGINT", "SIGTERM", "SIGHUP"])
-def test_the_program_says_its_link_and_stops_cleanly(stop, tmp_path):
-    (tmp_path / "one.csv").write_text("z\n5\n")
-    with running(tmp_path, source="one.csv") as (program, url):
-        port = int(re.fullmatch(r"http://127\.0\.0\.1:(\d+)/\?token=\S+", url)[1])
-        with socket.create_connection(("127.0.0.1", port), timeout=PATIENCE):
-            pass
-        assert end(program, getattr(signal, stop)) == (0, "", "")
-    assert is_free(port)
 
 
 def test_without_a_command_the_demo_opens(tmp_path):

@@ -5,21 +5,18 @@ from __future__ import annotations
 import csv
 import io
 import logging
-import re
 import shlex
 import subprocess
 import tomllib
-from html.parser import HTMLParser
 
 import numpy as np
 import pytest
 from each import each
-from hostile_names import MARKUP, NAMES
+from hostile_names import NAMES
 
 from kalscope import ChannelTuning, Recording, Tuning, load_tuning, read_recording, save_tuning
 from kalscope.common.text import CONTROL
 from kalscope.export.csv import csv_header
-from kalscope.export.report import as_html, make_report
 from kalscope.recording import LineIssue
 from kalscope.sources.grammar.line_format import LineFormat
 from kalscope.sources.reading.columns import Column
@@ -28,8 +25,6 @@ from kalscope.sources.recorder import header_line, preamble, rejects_lines
 from kalscope_app.program.log import Lines
 from kalscope_app.session.opening import opened
 from kalscope_app.session.share import share_line
-from kalscope_app.views.export import with_tuning_file
-from kalscope_app.views.window import COMMAND
 
 FORMULA = ("=", "+", "-", "@", "\t", "\r")
 VALUES = np.cumsum(np.random.default_rng(3).normal(size=(60, 1)), axis=0)
@@ -94,36 +89,6 @@ def test_a_recording_of_a_board_has_its_columns_and_no_formula(name):
     assert not any(cell.startswith(FORMULA) for cell in cells)
 
 
-class Tags(HTMLParser):
-    """The elements of a page with their attributes' names, and its text."""
-
-    def __init__(self):
-        super().__init__()
-        self.tags, self.text = [], ""
-
-    def handle_starttag(self, tag, attrs):
-        self.tags.append((tag, *(name for name, _ in attrs)))
-
-    def handle_data(self, data):
-        self.text += data
-
-
-def tags_of(name):
-    page = as_html(make_report(recording_of(name, source=name), tuning_of([name], name), command=name))
-    found = Tags()
-    found.feed(page)
-    found.close()
-    return found
-
-
-@pytest.mark.slow
-def test_a_report_has_the_elements_of_a_harmless_one():
-    name = "".join(MARKUP)
-    found = tags_of(name)
-    assert found.tags == tags_of("calm").tags
-    assert name in found.text
-
-
 def test_a_line_to_be_typed_is_one_word_each_for_a_shell(tmp_path):
     """Read back by a real shell."""
     lines = []
@@ -138,14 +103,6 @@ def test_a_line_to_be_typed_is_one_word_each_for_a_shell(tmp_path):
     counts = subprocess.run(("sh",), input=script.encode(), capture_output=True, check=True, cwd=tmp_path).stdout
     assert counts.decode().split() == [str(len(shlex.split(line)) - 1) for line in lines]
     assert list(tmp_path.iterdir()) == []
-
-
-def test_a_line_in_markdown_stays_in_its_code():
-    for name in NAMES:
-        text = with_tuning_file(opened(recording_of("a", source=name)))
-        assert not CONTROL.search(text)
-        assert text.count("`") % 2 == 0
-        assert "<" not in re.sub("`[^`\n]*`", "", text).replace(COMMAND, "")
 
 
 def test_an_entry_of_the_log_is_one_line_of_plain_text():

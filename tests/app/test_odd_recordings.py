@@ -2,30 +2,18 @@
 
 from __future__ import annotations
 
-import threading
 import warnings
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from effort import FUZZ
-from waiting import PATIENCE
+from headless import headless
 
 from kalscope import Recording
-from kalscope.export.report import as_html, make_report
 from kalscope.papers.generalized import GeneralizedParams
-from kalscope_app import dashboard as dashboard_module
-from kalscope_app.dashboard import Dashboard
-from kalscope_app.engine import engine
-from kalscope_app.guard.server import guarded_server
-from kalscope_app.session.changes import (
-    pin_present,
-    set_match_by,
-    set_velocity,
-    set_window,
-)
+from kalscope_app.session.changes import pin_present, set_match_by, set_velocity, set_window
 from kalscope_app.session.opening import opened
-from kalscope_app.views import map
 
 RNG = np.random.default_rng(71)
 
@@ -93,45 +81,10 @@ SETTINGS = {
 }
 
 
-class Bench:
-    """The dashboard without a browser: states go in, complaints and the studied state come out."""
-
-    def __init__(self, dashboard):
-        self.dashboard, self.complaints = dashboard, []
-        self.studied, self._news = None, threading.Event()
-        dashboard.tell = self._tell
-        dashboard.engine._tell = dashboard.engine._studies._tell = self._tell
-        rounds = dashboard.engine._studies._studies
-        end = replace(rounds[-1], compute=lambda state: state, show=self._end)
-        dashboard.engine._studies._studies = (*rounds, end)
-
-    def _tell(self, message, *, good=False, failed=None):
-        if not good:
-            self.complaints.append((failed, message))
-
-    def _end(self, state):
-        self.studied = state
-        self._news.set()
-
-    def look_at(self, state):
-        """Until every study of this state is on screen."""
-        self._news.clear()
-        self.dashboard.session.request(lambda _: state)
-        while self.studied is not state:
-            assert self._news.wait(PATIENCE), "the studies hang"
-            self._news.clear()
-
-
 @pytest.fixture(scope="module")
 def bench(tmp_path_factory):
-    with pytest.MonkeyPatch.context() as patch, guarded_server(port=0) as guarded:
-        patch.setattr(engine, "idle_delay", lambda _: 0.0)
-        patch.setattr(dashboard_module, "WARM_UP_AFTER_S", 1e6)  # nothing is read in the worker
-        patch.setattr(map, "SIZE", (200.0, 400.0))  # a quarter of the pixels to draw and to pack
-        dashboard = Dashboard(guarded.server, opened(RECORDINGS["truth"]), tmp_path_factory.mktemp("out"))
-        dashboard.start()
-        yield Bench(dashboard)
-        dashboard.stop()
+    with headless(opened(RECORDINGS["truth"]), tmp_path_factory.mktemp("out")) as (bench, _client):
+        yield bench
 
 
 def some_settings(name):
@@ -146,8 +99,9 @@ def test_no_tab_fails_on_an_odd_recording_whatever_the_setting(bench, name):
         if name in ("huge", "tiny"):  # squares beyond the largest double are inf, and shown so
             warnings.simplefilter("ignore", RuntimeWarning)
         for setting in some_settings(name):
-            bench.look_at(setting(opened(RECORDINGS[name])))
-    assert bench.complaints == []
+            state = setting(opened(RECORDINGS[name]))
+            bench.request(lambda _, state=state: state)
+    assert bench.errors == []
 
 
 def test_a_tab_without_an_answer_shows_no_chart_of_an_earlier_one(bench):
@@ -155,19 +109,12 @@ def test_a_tab_without_an_answer_shows_no_chart_of_an_earlier_one(bench):
     dashboard = bench.dashboard
     spectrum, allan, compare = dashboard._spectrum, dashboard._allan, dashboard._alternatives
     charts = [spectrum._density, spectrum._response, allan._chart, compare._chart, dashboard._checks._correlation]
-    bench.look_at(state)
+    bench.request(lambda _: state)
     assert [chart.handle.visible for chart in charts] == [True] * 5
-    bench.look_at(SETTINGS["Khan et al."](state))
+    bench.request(lambda _: SETTINGS["Khan et al."](state))
     assert [chart.handle.visible for chart in charts] == [False] * 5
-    bench.look_at(state)
+    bench.request(lambda _: state)
     assert [chart.handle.visible for chart in charts] == [True] * 5
-    bench.look_at(opened(RECORDINGS["three samples"]))
+    short = opened(RECORDINGS["three samples"])
+    bench.request(lambda _: short)
     assert [chart.handle.visible for chart in charts[:3]] == [False] * 3
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", [name for name in RECORDINGS if name not in ("huge", "tiny")])
-def test_every_odd_recording_has_its_report(name):
-    state = opened(RECORDINGS[name])
-    report = make_report(state.recording, state.as_tuning(), state.channel)
-    assert "kalscope open" in as_html(report)

@@ -165,7 +165,7 @@ def test_an_uncaught_error_is_shown_and_logged_and_the_dashboard_goes_on(tmp_pat
 
 @posix
 def test_with_a_client_and_a_job_the_end_leaves_nothing_behind(tmp_path):
-    """By Ctrl+C; all three signals are in test_board_end.py and test_main.py."""
+    """By Ctrl+C; all three signals are in test_board_end.py."""
     with running(tmp_path) as (program, url):
         port = port_of(url)
         with Guest(port, token_of(url)) as guest:

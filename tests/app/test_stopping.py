@@ -39,15 +39,18 @@ def told_three_times(program, by):
     return end(program, by)
 
 
+EACH_FLOOD = pytest.mark.parametrize(
+    ("flood", "by"), [*zip(FLOODS, [*SIGNALS, *SIGNALS], strict=True)], ids=lambda one: one.replace(" ", "-")
+)
+
+
 def left_in(folder):
     """Files in the folder, but for those of the program itself."""
     own = ("state", "tmp")
     return {path.name for path in folder.iterdir()} - {*own} | {path.name for path in (folder / "tmp").iterdir()}
 
 
-@pytest.mark.parametrize(
-    ("flood", "by"), [*zip(FLOODS, [*SIGNALS, *SIGNALS], strict=True)], ids=lambda one: one.replace(" ", "-")
-)
+@EACH_FLOOD
 def test_a_filter_of_lines_ends_whatever_comes_in(flood, by, tmp_path):
     """Nobody reads its answers: it may wait for that, too."""
     piece = FLOODS[flood]
@@ -66,9 +69,7 @@ def test_a_filter_of_lines_ends_whatever_comes_in(flood, by, tmp_path):
     assert left_in(tmp_path) == set()
 
 
-@pytest.mark.parametrize(
-    ("flood", "by"), [*zip(FLOODS, [*SIGNALS, *SIGNALS], strict=True)], ids=lambda one: one.replace(" ", "-")
-)
+@EACH_FLOOD
 def test_a_recording_ends_whole_whatever_comes_in(flood, by, tmp_path):
     piece = FLOODS[flood]
     with Flood(piece) as sender:
@@ -87,16 +88,6 @@ def test_a_recording_ends_whole_whatever_comes_in(flood, by, tmp_path):
     assert lines[-1].endswith(b"\n")
     if flood == "lines":
         assert sum(not line.startswith(b"#") for line in lines) == 1 + written
-
-
-@pytest.mark.parametrize("limit", [("--seconds", "0.5"), ("--lines", "5000")], ids=" ".join)
-def test_the_limits_of_a_recording_hold_in_a_flood(limit, tmp_path):
-    with Flood(FLOODS["lines"]) as sender:
-        port = f"socket://127.0.0.1:{sender.port}"
-        with start(tmp_path, "record", port, "-o", "run.csv", *limit, source=None) as program:
-            out, err = program.communicate(timeout=PATIENCE)
-    assert program.returncode == 0, err
-    assert int(re.search(r"= (\d+) written", out)[1]) >= (5_000 if "--lines" in limit else 1)
 
 
 @pytest.mark.parametrize("by", SIGNALS)
@@ -164,49 +155,6 @@ def test_a_command_ends_whatever_it_does(command, busy, by, tmp_path):
     assert left_in(tmp_path) == set()
 
 
-HELD = """
-import builtins, time
-imported = builtins.__import__
-def held(name, *rest):
-    if name.split(".")[0] == {library!r}:
-        print("imports", flush=True)
-        builtins.__import__ = imported
-        time.sleep(60)
-    return imported(name, *rest)
-builtins.__import__ = held
-"""
-COMPILES = """
-import os
-from kalscope.common import compiled
-compiled.watch_compiling(lambda _: os.write(1, b"compiles\\n"))
-"""
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("command", "library", "by"),
-    [
-        ("tune demo", "typer", "Ctrl+C"),
-        ("tune demo", "scipy", "SIGTERM"),
-        ("fleet . -o out", "distributed", "SIGTERM"),
-        ("open demo", "viser", "Ctrl+C"),
-    ],
-)
-def test_a_command_ends_while_it_imports(command, library, by, tmp_path):
-    change = HELD.format(library=library)
-    with start(tmp_path, *command.split(), source=None, change=change, fresh=True) as program:
-        assert next_line(program) == "imports\n"
-        assert told_three_times(program, SIGNALS[by]) == (128 + SIGNALS[by], "", said(by))
-
-
-@pytest.mark.slow
-def test_a_command_ends_while_it_compiles(tmp_path):
-    env = {"NUMBA_CACHE_DIR": str(tmp_path / "cache")}
-    with start(tmp_path, "tune", "demo", source=None, change=COMPILES, env=env, fresh=True) as program:
-        assert next_line(program) == "compiles\n"
-        assert told_three_times(program, signal.SIGINT)[::2] == (130, said("Ctrl+C"))
-
-
 @pytest.mark.parametrize("flood", ["lines", "a line without end"])
 def test_a_dashboard_with_a_board_that_floods_ends(flood, tmp_path):
     with Flood(FLOODS[flood]) as sender:
@@ -228,12 +176,3 @@ def test_a_standard_stream_that_is_closed_is_no_mistake(number, name, tmp_path):
     assert (program.returncode, out) == (0, ""), err
     assert "note: " in err or name == "stderr"
     assert (tmp_path / "out.csv").read_bytes().startswith(b"time")
-
-
-def test_an_answer_that_cannot_be_written_is_one_line_and_status_2(tmp_path):
-    change = "import os; os.dup2(os.open('/dev/full', os.O_WRONLY), 1)"
-    for command in ("tune demo --lag-ms 50", "filter demo", "ports"):
-        with start(tmp_path, *command.split(), source=None, change=change) as program:
-            _, err = program.communicate(timeout=PATIENCE)
-        assert (program.returncode, err.count("\n")) == (2, 1), (command, err)
-        assert "No space left on device" in err

@@ -296,7 +296,8 @@ def set_link(state: State, link: str) -> State:
     """Tune this channel alone or all together; all then take the present one's setting at once."""
     if link not in LINKS:
         raise BadSetting(f"the way of tuning channels must be one of {', '.join(LINKS)} (got {link[:40]!r})")
-    return state.with_settings(link=link).with_tuning_of(state.index, state.tuning).with_answers(note="")
+    own = state.settings.tunings[state.index]  # not the fused value, which may be on screen
+    return state.with_settings(link=link).with_tuning_of(state.index, own).with_answers(note="")
 
 
 @requested

@@ -1,17 +1,30 @@
-"""The engine without a browser: the latest request wins, nothing stops it, failures are told."""
+"""The engine without a browser: the latest request wins, nothing stops it; which part is drawn when, and what."""
 
 from __future__ import annotations
 
+import math
 import threading
 import time
+from itertools import pairwise
 
 import numpy as np
 import pytest
-from waiting import PATIENCE
+from hypothesis import given
+from hypothesis import strategies as st
+from waiting import PATIENCE, wait_until
 
-from kalscope import Recording, kalman_filter
-from kalscope_app.engine.engine import Engine, Part
-from kalscope_app.session.changes import set_exponent, set_text
+from kalscope import FilterParams, Recording, diagnose, kalman_filter, steady_state
+from kalscope_app.engine.engine import DELAYS, Engine, Part, Schedule, Studies, Study, is_move
+from kalscope_app.engine.filter_runs import MAX_POINTS, choose_samples
+from kalscope_app.engine.frame import compute_frame, samples_to_settle
+from kalscope_app.session.changes import (
+    pin_present,
+    select_channel,
+    set_exponent,
+    set_momentum_text,
+    set_text,
+    set_window,
+)
 from kalscope_app.session.opening import opened
 from kalscope_app.session.session import Session
 
@@ -20,7 +33,7 @@ class Screen:
     """Collects frames as a view would; `delay` makes it slow."""
 
     def __init__(self, delay=0.0):
-        self.frames, self.told, self.headings, self.delay = [], [], [], delay
+        self.frames, self.told, self.delay = [], [], delay
         self.drawn = {part: [] for part in Part}
         self.news = threading.Condition()
 
@@ -32,10 +45,9 @@ class Screen:
                 self.drawn[part].append(frame.serial)
             self.news.notify_all()
 
-    def tell(self, message, failed=None):
+    def tell(self, message, **_how):
         with self.news:
             self.told.append(message)
-            self.headings.append(failed)
             self.news.notify_all()
 
     def wait(self, condition):
@@ -73,6 +85,20 @@ def test_after_a_burst_of_requests_the_last_frame_holds_the_last_value(running, 
     assert len(screen.frames) < 100
 
 
+@pytest.mark.slow
+def test_studies_are_of_the_last_state_and_one_that_fails_is_told_and_the_next_one_runs(session):
+    screen, shown = Screen(), []
+    failing = Study(lambda _: 1 / 0, pytest.fail, screen.tell)
+    studies = Studies([failing, Study(lambda state: state, shown.append, pytest.fail)])
+    engine = Engine(session, screen.show, screen.tell, studies)
+    engine.start()
+    for q in "78":
+        session.request(set_text("q", q))
+    wait_until(lambda: shown and shown[-1].tuning.q == 8, "the studies of the last state")
+    assert {type(error) for error in screen.told} == {ZeroDivisionError}
+    engine.stop()
+
+
 def test_a_failing_view_does_not_stop_the_engine(session):
     screen = Screen()
 
@@ -89,16 +115,6 @@ def test_a_failing_view_does_not_stop_the_engine(session):
     screen.wait(lambda: screen.frames and screen.frames[-1].state.tuning.q == 8)
     assert str(screen.told[0]) == "a view broke"
     engine.stop()
-
-
-@pytest.mark.slow
-def test_drawn_indices_are_chosen_once_for_one_view(running):
-    session, screen = running
-    last = session.request(set_exponent("q", -1.0))
-    screen.wait(lambda: screen.frames and screen.frames[-1].serial == last)
-    again = session.request(set_exponent("q", -2.0))
-    screen.wait(lambda: screen.frames[-1].serial == again)
-    assert screen.frames[-1].drawn is screen.frames[-2].drawn
 
 
 @pytest.mark.slow
@@ -126,3 +142,169 @@ def test_no_part_is_left_out_while_requests_keep_coming(session, delay):
     for serials in screen.drawn.values():
         assert serials == sorted(serials)
     engine.stop()
+
+
+# --- which part is drawn when ---------------------------------------------------------------------------
+
+
+SETTLED = 0.3
+"""Seconds after the last step of a control in which all must be drawn."""
+
+
+def drawn(moments):
+    """The parts that are drawn, as (moment, frame, part), when frames come at these moments."""
+    schedule, log = Schedule(), []
+    for number, (now, following) in enumerate(pairwise([*moments, math.inf])):
+        log += [(now, number, part) for part in schedule.begin(now, whole=number == 0)]
+        while (due := schedule.next_due()) < following:
+            log += [(due, number, part) for part in schedule.take_due(due, moving=False)]
+    return log
+
+
+@pytest.mark.slow
+@given(st.lists(st.floats(0.001, 0.5), max_size=60))
+def test_every_part_shows_the_last_frame_soon_and_none_is_starved(gaps):
+    moments = np.cumsum([1.0, *gaps]).tolist()
+    log = drawn(moments)
+    for part in Part:
+        shown = [(moment, number) for moment, number, which in log if which is part]
+        if part is not Part.SIGNAL:
+            longest = DELAYS[part][1]
+            for (_, before), (moment, _) in pairwise(shown):  # the first frame that this part left out
+                assert moment <= moments[before + 1] + longest + 1e-9
+        else:
+            assert shown == [(moment, number) for number, moment in enumerate(moments)]
+    for part in set(Part) - {Part.SIGNAL}:
+        moment, number = [(moment, number) for moment, number, which in log if which is part][-1]
+        assert number == len(moments) - 1
+        assert moment <= moments[-1] + SETTLED
+
+
+def test_a_newer_frame_goes_before_what_may_wait_and_after_what_may_not():
+    schedule, step, drawn = Schedule(), 0.001, {part: [0.0] for part in DELAYS}
+    schedule.begin(0.0, whole=True)
+    for moment in np.arange(1, 5000) * step:  # newer frames all the time
+        for part in schedule.take_due(moment, moving=True):
+            drawn[part].append(moment)
+        schedule.begin(moment, whole=False)
+    for part, (_, longest) in DELAYS.items():
+        if longest < math.inf:
+            assert np.diff(drawn[part]) == pytest.approx(longest, abs=2 * step)
+        else:
+            assert len(drawn[part]) == 1
+
+
+@pytest.fixture(scope="module")
+def state():
+    z = np.random.default_rng(0).normal(size=(300, 2))
+    return opened(Recording(np.arange(300.0), ("a", "b"), ("", ""), z, 1.0))
+
+
+def test_a_move_changes_values_only(state):
+    assert is_move(state, state)
+    assert is_move(state, set_exponent("q", 1.0)(state))
+    assert is_move(state, set_text("p0", "4")(state))
+    for change in (
+        set_window(10.0, 20.0),
+        select_channel("b"),
+        pin_present,
+        lambda state: state.with_view(dark=True),
+        set_momentum_text("momentum", "5"),
+        lambda state: state.with_answers(note="said"),
+        lambda state: opened(
+            Recording(state.recording.time, ("a", "b"), ("", ""), 2 * state.recording.values, 1.0)
+        ),
+    ):
+        assert not is_move(state, change(state))
+
+
+# --- what a frame holds ---------------------------------------------------------------------------------
+
+
+def recording(n=20_000, missing=0.0, truth=False, period=0.01):
+    g = np.random.default_rng(1)
+    signal = np.cumsum(g.normal(0, 0.1, n))
+    z = signal + g.normal(size=n)
+    z[g.random(n) < missing] = np.nan
+    return Recording(
+        np.arange(n) * (period or 1.0),
+        ("z",),
+        ("V",),
+        z[:, None],
+        period,
+        truth=signal[:, None] if truth else None,
+    )
+
+
+def frame_of(state):
+    return compute_frame(state, 0, choose_samples(state.recording, state.channel, state.view.window))
+
+
+@pytest.mark.parametrize("n", [1, 2, 5, 300, MAX_POINTS, MAX_POINTS + 1, 50_000])
+@pytest.mark.parametrize("truth", [False, True])
+def test_never_more_than_the_limit_is_drawn_and_all_of_a_short_record(n, truth):
+    shown = choose_samples(recording(n, truth=truth), "z", None)
+    assert len(shown.indices) <= MAX_POINTS
+    assert (np.diff(shown.indices) > 0).all()
+    assert shown.decimated == (len(shown.indices) < n)
+    assert n > MAX_POINTS or len(shown.indices) == n
+
+
+def test_what_is_drawn_is_the_filter_on_all_samples():
+    state = opened(recording(missing=0.01))
+    result = kalman_filter(state.recording.channel("z"), state.params)
+    frame = frame_of(state)
+    at = frame.drawn.indices
+    assert frame.drawn.decimated
+    assert np.array_equal(frame.filtered, result.x[at])
+    assert np.array_equal(frame.spread, 2 * np.sqrt(result.p[at]))
+    assert np.array_equal(frame.innovation, result.innovation[at], equal_nan=True)
+    assert np.array_equal(frame.innovation_spread, 2 * np.sqrt(result.s[at]))
+    assert np.array_equal(frame.gain, result.k[frame.gain_samples.astype(int)])
+    assert frame.drawn.missing == np.isnan(state.recording.values).sum()
+
+
+def test_time_that_steps_back_is_drawn_without_stepping_back():
+    rec = recording(100)
+    time = rec.time.copy()
+    time[50:] -= 0.2
+    shown = choose_samples(Recording(time, rec.names, rec.units, rec.values, 0.01), "z", None)
+    assert (np.diff(shown.time) >= 0).all()
+
+
+@pytest.mark.parametrize("q", [1e-4, 1e-2, 1.0, 100.0])
+def test_the_start_up_ends_where_the_gain_is_within_one_percent(q):
+    result = kalman_filter(np.zeros(5000), FilterParams(q, 1.0))
+    settled = float(steady_state(FilterParams(q, 1.0)).gain)
+    at = samples_to_settle(lambda size: result.k[:size], len(result.k), settled)
+    assert abs(result.k[at] / settled - 1) <= 0.01
+    assert at == 0 or abs(result.k[at - 1] / settled - 1) > 0.01
+
+
+def test_a_dense_line_is_a_band_that_holds_every_sample_about_it():
+    rng = np.random.default_rng(5)
+    for n in (2001, 3999, 50_000):
+        z = rng.normal(size=n)
+        rec = Recording(np.arange(n) * 0.01, ("z",), ("V",), z[:, None], 0.01)
+        shown = choose_samples(rec, "z", None)
+        low, high = shown.band
+        assert (low <= shown.raw).all()
+        assert (shown.raw <= high).all()
+        assert (low.min(), high.max()) == (z.min(), z.max())
+        for place in rng.integers(0, len(shown.indices) - 1, 50):  # every sample, drawn or not, lies in the band
+            first, last = shown.indices[place], shown.indices[place + 1]
+            between = z[first:last]
+            assert low[place] <= between.min() <= between.max() <= high[place]
+
+
+def test_the_chart_marks_the_samples_that_the_gate_rejected_as_often_as_all_count_them():
+    one = recording(n=900)
+    one.values[[100, 400, 401], 0] += 40.0
+    state = opened(one).with_tuning(gate=16.0)
+    frame = frame_of(state)
+    result = kalman_filter(one.channel("z"), state.params)
+    assert frame.refused is not None
+    assert int(np.isfinite(frame.refused).sum()) == frame.rejected == result.rejected >= 3
+    assert frame.rejected == diagnose(result).evidence.refused
+    assert set(np.flatnonzero(np.isfinite(frame.refused))) >= {100, 400, 401}
+    assert frame_of(state.with_tuning(gate=None)).refused is None

@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
-import math
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from viser import _messages as messages
 
 from kalscope_app.guard.messages import (
     BROWSER_MESSAGES,
@@ -32,20 +30,10 @@ TAKEN = {
     "two thumbs": ((0.0, 1.0), [0.2, 7], 0.0, 1.0, (0.2, 1.0)),
 }
 LEFT = {
-    "not a number": (0.5, math.nan),
-    "infinite": (0.5, math.inf),
     "beyond every float": (0.5, 10**400),
-    "a text for a number": (0.5, "0.4"),
     "a tick for a number": (0.5, True),
-    "a number for a tick": (False, 1),
-    "a text for a tick": (False, "false"),
-    "a number for a text": ("a", 1),
     "an endless text": ("a", "x" * (MAX_TEXT + 1)),
     "one thumb too many": ((0.0, 1.0), [0.1, 0.2, 0.3]),
-    "a thumb nowhere": ((0.0, 1.0), [0.1, math.nan]),
-    "nested": ((0.0, 1.0), [[0.1], 0.2]),
-    "no list": ((0.0, 1.0), 0.1),
-    "nothing": (0.5, None),
     "a widget of unknown kind": (object(), 1),
 }
 
@@ -91,10 +79,6 @@ def test_a_message_of_junk_is_judged_and_nothing_else_is_raised(kind, data):
     message = kind(**{field.name: data.draw(junk) for field in dataclasses.fields(kind)})
     with contextlib.suppress(Misbehaviour):
         check_fields(message)
-
-
-def test_an_unknown_message_is_not_judged():
-    check_fields(messages.ShareUrlRequest())
 
 
 def test_the_rate_limit_is_a_burst_and_then_a_rate():

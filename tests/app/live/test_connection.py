@@ -3,19 +3,15 @@
 from __future__ import annotations
 
 from types import SimpleNamespace
-from unittest.mock import MagicMock
 
 import numpy as np
 import pytest
 
 from kalscope import Recording
-from kalscope.sources.recorder import RecorderCounts
 from kalscope_app.live import BoardConnection
 from kalscope_app.session.live_changes import opened_live
 from kalscope_app.session.opening import opened
 from kalscope_app.session.session import Session, undo
-from kalscope_app.views import live
-from kalscope_app.views.live import LiveView
 
 
 class Source:
@@ -30,15 +26,6 @@ class Source:
 
     def close(self, _timeout=3.0):
         self.calls.append("close")
-
-    def record(self, path):
-        files = {"path": path, "paths": [path], "files": path.name}
-        state = {**files, "error": "", "warning": "", "close": RecorderCounts}
-        self.recorder = SimpleNamespace(**state)
-        return self.recorder
-
-    def stop_recording(self):
-        self.recorder = None
 
     def snapshot(self):
         return None
@@ -125,27 +112,3 @@ def test_an_overtaken_request_does_not_close_the_board_that_is_awaited(connectio
     assert connection.source.calls == ["start"]
     session.request(changes[1])
     assert connection.source is session.apply_requests()[0].live.board
-
-
-def show_file(session):
-    """Show a file, as the engine does: no wake-up waits afterwards."""
-    session.request(lambda state: opened(FILE, state))
-    session.apply_requests()
-    session.wakeup.clear()
-    assert session.connection().connected
-
-
-def test_a_board_that_is_plugged_in_does_not_replace_an_address_that_is_typed(connection, board, monkeypatch):
-    ports, gui, jobs, menus = [], MagicMock(), MagicMock(), {}
-    monkeypatch.setattr(live, "list_ports", lambda: tuple(ports))
-    gui.add_dropdown.side_effect = lambda label, *_, **__: menus.setdefault(label, MagicMock())
-    gui.add_text.return_value.value = ""  # a text counts once it is finished
-    connection.close()
-    LiveView(gui, Session(opened_live(board.id, "x"), connection), jobs, connection, MagicMock(), MagicMock())
-    menus["port"].value = live.TYPED
-    (choose,) = menus["port"].on_update.call_args.args
-    with pytest.raises(StopIteration):
-        choose(SimpleNamespace(client=object())).send(None)
-    ports.append(SimpleNamespace(device="/dev/ttyS0", description=""))
-    jobs.when_idle.call_args.args[0]()
-    assert menus["port"].value == live.TYPED

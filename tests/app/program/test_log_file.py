@@ -1,16 +1,26 @@
-"""The log: what is in it, what is never in it, and how large it grows."""
+"""The log: what is in it, what never is, how large it grows; and uncaught errors, which are logged and told."""
 
 from __future__ import annotations
 
+import asyncio
+import errno
 import logging
 import os
+import queue
 import stat
+from functools import partial
+from pathlib import Path
 
 import pytest
+from viser import _scene_api
+from waiting import PATIENCE
 
 from kalscope.errors import BadSetting
+from kalscope_app.guard.server import guarded_server
+from kalscope_app.guard.viser_private import callback_errors_to
+from kalscope_app.program import log
 from kalscope_app.program import log as log_file
-from kalscope_app.program.log import logging_to
+from kalscope_app.program.log import ErrorReporter, logging_to, sentence_for
 
 OURS, FOREIGN = logging.getLogger("kalscope_app.some_part"), logging.getLogger("websockets.server")
 TOKEN = "T0ken-T0ken_T0ken"
@@ -61,15 +71,6 @@ def test_the_token_is_in_no_log(tmp_path, capsys):
         assert "somewhere … inside" in text
 
 
-def test_a_hostile_name_neither_begins_an_entry_nor_moves_the_cursor(tmp_path):
-    file = tmp_path / "kalscope.log"
-    with logging_to(file):
-        OURS.warning("opened %s", "x.csv\n2026-01-01 ERROR forged\r\x1b[2Jgone")
-    first, second = file.read_text().splitlines()
-    assert "opened x.csv" in first
-    assert second == "    2026-01-01 ERROR forged··[2Jgone"
-
-
 def test_the_file_is_bounded(tmp_path, monkeypatch):
     monkeypatch.setattr(log_file, "FILE_BYTES", 2000)
     file = tmp_path / "kalscope.log"
@@ -96,9 +97,53 @@ def test_a_disk_that_fills_up_later_is_no_error(tmp_path, monkeypatch):
         OURS.warning("goes on")
 
 
-def test_afterwards_logging_is_as_before(tmp_path):
-    root = logging.getLogger()
-    before = root.handlers[:], root.level
-    with logging_to(tmp_path / "kalscope.log", verbose=True):
-        assert root.handlers != before[0]
-    assert (root.handlers, root.level) == before
+# --- uncaught errors ------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def heard():
+    """An ErrorReporter and its notifications."""
+    told = queue.Queue()
+    errors = ErrorReporter()
+    errors.notify = lambda error: told.put(sentence_for(error, None))
+    return errors, told
+
+
+def test_the_sentence_says_what_happened_and_what_to_do():
+    sentence = sentence_for(ValueError("odd\nvalue"), Path("kalscope.log"))
+    assert "ValueError: odd value" in sentence
+    assert "reload the page" in sentence
+    assert "kalscope.log" in sentence
+    assert "--log FILE" in sentence_for(ValueError(), None)
+    assert "more memory" in sentence_for(MemoryError(), None)
+    full = sentence_for(OSError(errno.EMFILE, "Too many open files"), None)
+    assert "too many" in full.lower()
+    assert "bug" not in full
+
+
+def test_a_callback_of_the_scene_that_raises_is_told(heard, capfd):
+    """viser calls those on the event loop itself, and would print what they raise."""
+    errors, told = heard
+    stock = _scene_api.print_awaited_callback_error
+    with callback_errors_to(partial(errors.report, "callback")), guarded_server(port=0) as running:
+        server = running.server
+
+        async def broken(_event):
+            raise LookupError("in the scene")
+
+        call = server.scene._dispatch_callback(broken, None)
+        asyncio.run_coroutine_threadsafe(call, server._event_loop).result(PATIENCE)
+        assert "in the scene" in told.get(timeout=PATIENCE)
+    assert _scene_api.print_awaited_callback_error is stock
+    assert "in the scene" not in capfd.readouterr().err
+
+
+def test_the_same_sentence_is_not_said_twice_in_a_row(heard, caplog, monkeypatch):
+    errors, told = heard
+    for _ in range(5):
+        errors.report("reader", ValueError("again"))
+    assert told.qsize() == 1
+    assert caplog.text.count("ValueError: again") >= 5  # each with its traceback
+    monkeypatch.setattr(log, "REPEAT_S", 0.0)
+    errors.report("reader", ValueError("again"))
+    assert told.qsize() == 2

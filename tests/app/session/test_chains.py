@@ -12,14 +12,7 @@ from kalscope.tuning.file import dumps, loads
 from kalscope.tuning.tuning import chain_text, typed_chain
 from kalscope_app.engine.filter_runs import choose_samples
 from kalscope_app.engine.frame import compute_frame
-from kalscope_app.session.changes import (
-    pin_present,
-    set_link,
-    set_median,
-    use_chain,
-    use_settings,
-    use_variant,
-)
+from kalscope_app.session.changes import pin_present, set_link, set_median, use_chain, use_settings, use_variant
 from kalscope_app.session.opening import opened
 from kalscope_app.session.session import Session
 from kalscope_app.session.share import apply_options, share_line
@@ -98,13 +91,11 @@ HOSTILE = {
     "butterworth 0.7": "cutoff in cycles per sample must be a number from 1e-06 to 0.499",
     "exponential nan": "alpha of exponential must be",
     "moving-average 2.5": "window must be a whole number",
-    "moving-average 100000000": "window must be a whole number",
     "exponential 0.2, median 3": "the first filter of two must be a median",
     "median 3, median 3, kalman": "a chain must be a filter, or a median and a filter",
     "": "a chain must be a filter",
     "__import__ 1": "a filter of a chain must be one of",
     "median 5, <script>": "a filter of a chain must be one of",
-    "median 5,, kalman": "a chain must be a filter",
 }
 
 

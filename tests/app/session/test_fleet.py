@@ -1,14 +1,20 @@
-"""A fleet beside the recording: it outlives recordings, Undo leaves it alone, a device comes with its filter."""
+"""A fleet beside the recording, on the map and in the table: Undo leaves it alone, a device has its filter."""
 
 from __future__ import annotations
 
-import pytest
-from fleet_folder import NOISY, finished_fleet
-from required import not_here
+from pathlib import Path
 
+import numpy as np
+import pytest
+from fleet_folder import NOISY, devices_with, finished_fleet
+from required import needs
+
+from kalscope import FilterParams, synthesize
 from kalscope.catalogue import open_source
 from kalscope.errors import BadSetting
-from kalscope.fleet.results import read_fleet, reopen
+from kalscope.estimation.pool import Losses
+from kalscope.fleet.results import Fleet, RunNote, Shared, read_fleet, reopen
+from kalscope.sources.grammar.read_options import ReadOptions
 from kalscope_app.session.changes import (
     at_device,
     close_fleet,
@@ -21,16 +27,15 @@ from kalscope_app.session.changes import (
 )
 from kalscope_app.session.opening import opened
 from kalscope_app.session.session import Session, undo
-from kalscope_app.session.state import ORDERS
-
-try:
-    import pyarrow  # noqa: F401
-except ImportError:
-    not_here("pyarrow is not installed")
+from kalscope_app.session.state import MAX_ROWS, ORDERS, OpenFleet
+from kalscope_app.studies.tuning_map import CELLS, MapMaker, fleet_layer, frame_for
+from kalscope_app.views.fleet import device_labels, fleet_table
+from kalscope_app.views.map import DARK_MAP, LIGHT_MAP, SHARPNESS, SIZE, draw_map_picture, picture_input
 
 
 @pytest.fixture(scope="module")
 def fleet(tmp_path_factory):
+    needs("pyarrow")
     return read_fleet(finished_fleet(tmp_path_factory.mktemp("fleet")))
 
 
@@ -109,3 +114,120 @@ def test_what_was_picked_is_let_go_with_its_rows_and_a_text_to_find_is_one_short
     assert find_devices(" dev\n0 " + "x" * 999)(state).fleet.find.startswith("dev 0 x")
     assert len(find_devices("x" * 999)(state).fleet.find) == 200
     assert find_devices("x")(close_fleet(state)).fleet is None
+
+
+# --- on the map, and in the table -----------------------------------------------------------------------
+
+
+RANGES = (-6, 2), (-4, 2)
+
+
+def fleet_of(q, r, odd=(), growth=None, verdicts=None, shared=(0.01, 1.0), names=None):
+    """A fleet with these arrays; `odd` are unlike the others."""
+    n = len(q)
+    unlike = np.zeros(n, dtype=bool)
+    unlike[list(odd)] = True
+    devices = devices_with(names or [f"dev{i:06d}.csv" for i in range(n)], q, r, verdicts=verdicts or ["ok"] * n)
+    zeros = np.zeros(n)
+    losses = Losses(zeros, zeros, zeros if growth is None else np.asarray(growth, float))
+    one = None if shared is None else Shared(FilterParams(*shared), (0.009, 0.011), "pooled", losses)
+    note = RunNote(ReadOptions(), None)
+    fleet = Fleet(Path("fleet"), devices, one, "", note)
+    vars(fleet).update(distance=np.where(unlike, 9.0, 1.0), outlier=unlike)  # in place of those of the arrays
+    return fleet
+
+
+def large(n=100_000):
+    g = np.random.default_rng(0)
+    return fleet_of(0.01 * np.exp(0.3 * g.normal(size=n)), np.exp(0.3 * g.normal(size=n)), odd=range(40))
+
+
+def test_a_small_fleet_is_points_at_their_q_and_r():
+    fleet = fleet_of([0.1, np.nan, 1.0, 0.0], [1.0, 1.0, 0.01, 1.0])
+    layer = fleet_layer(OpenFleet(fleet), *RANGES)
+    assert layer.density is None
+    assert sorted(zip(layer.devices.tolist(), layer.points.tolist(), strict=True)) == [
+        (0, [-1.0, 0.0]),
+        (2, [0.0, -2.0]),
+    ]
+    assert layer.shared == pytest.approx((-2.0, 0.0))
+
+
+def test_a_large_fleet_is_a_density_with_its_outliers_as_points():
+    fleet = large()
+    layer = fleet_layer(OpenFleet(fleet), *RANGES)
+    assert sorted(layer.devices.tolist()) == list(range(40))
+    assert layer.density.shape == CELLS[::-1]
+    row, column = np.unravel_index(layer.density.argmax(), layer.density.shape)
+    fullest = -6 + (column + 0.5) / CELLS[0] * 8, -4 + (row + 0.5) / CELLS[1] * 6
+    assert fullest == pytest.approx((-2.0, 0.0), abs=0.15)
+    assert layer.density.max() == 1.0
+
+
+def test_a_click_takes_the_nearest_point_and_none_from_afar():
+    frame = frame_for(*SIZE, *RANGES)
+    layer = fleet_layer(OpenFleet(fleet_of([0.01, 1.0], [1.0, 1.0])), *RANGES)
+    x, y = frame.pixel((0.0, 0.0))
+    assert layer.nearest(frame, (x + 5, y - 5)) == 1
+    assert layer.nearest(frame, (x + 12, y)) is None
+    nothing = fleet_layer(OpenFleet(fleet_of([np.nan], [np.nan])), *RANGES)
+    assert nothing.nearest(frame, (x, y)) is None
+
+
+def map_of(fleet):
+    state = open_fleet(fleet)(opened(synthesize("random_walk", n=1000, seed=1)))
+    shown = MapMaker()(state)
+    return state, shown, frame_for(*SIZE, shown.q, shown.r)
+
+
+@pytest.mark.parametrize("dark", [False, True])
+def test_the_picture_has_a_point_in_its_colour_where_the_device_is(dark):
+    state, shown, frame = map_of(fleet_of([1e-4, 0.3], [0.1, 0.1], growth=[0.0, 0.5]))
+    picture = draw_map_picture(picture_input(state.with_view(dark=dark), shown, frame))
+    palette = DARK_MAP if dark else LIGHT_MAP
+    for (q, r), kind in ((-4.0, -1.0), 0), ((np.log10(0.3), -1.0), 2):
+        x, y = (round(SHARPNESS * at) for at in frame.pixel((q, r)))
+        colour = palette.devices[kind]
+        assert picture[y, x].tolist() == [int(colour[i : i + 2], 16) for i in (1, 3, 5)]
+
+
+def test_the_table_is_short_and_no_name_is_markup():
+    names = [f"<img src=x>|{i}](javascript:1)" for i in range(20)]
+    shown = OpenFleet(fleet_of([0.01] * 20, [1.0] * 20, odd=[5], names=names))
+    lines = fleet_table(shown).splitlines()
+    assert len(lines) == MAX_ROWS + 2
+    assert all(line.replace("\\|", "").count("|") == 6 for line in lines)
+    assert "**" in lines[2]
+    assert not any("<" in line.replace("\\<", "") for line in lines)
+    labels = device_labels(shown)
+    assert next(iter(labels.values())) == 5
+    assert len(labels) == MAX_ROWS
+
+
+def test_devices_are_found_by_a_part_of_their_name_those_without_q_and_r_too():
+    fleet = fleet_of([0.01] * 30 + [np.nan], [1.0] * 31, odd=[17])
+    assert OpenFleet(fleet, find="dev00001").rows == [17, 10, 11, 12, 13, 14, 15, 16, 18, 19]
+    assert OpenFleet(fleet, find="DEV000030").rows == [30]
+    assert fleet_table(OpenFleet(fleet, find="30")) == "1. dev000030\\.csv: it is empty"
+    mixed = fleet_table(OpenFleet(fleet, find="0003")).splitlines()
+    assert [line.split(" | ")[2] for line in mixed[2:]] == ["0.01", "–"]
+    assert fleet_table(OpenFleet(fleet, find="nowhere")) == "None."
+    assert len(OpenFleet(fleet, find="csv").rows) == MAX_ROWS
+
+
+@pytest.mark.slow
+def test_a_device_that_was_clicked_says_what_it_is_and_is_ringed():
+    shown = fleet_of([1e-4, 0.3], [0.1, 0.1], growth=[0.0, 0.5])
+    state = pick_device(1)(open_fleet(shown)(opened(synthesize("random_walk", n=1000, seed=1))))
+    layer = MapMaker()(state).fleet
+    assert layer.picked.device == 1
+    assert layer.picked.words == ("dev000001.csv", "q 0.3, r 0.1, loss 50 %", "click it again to open it")
+    without = MapMaker()(pick_device(None)(state))
+    assert without.fleet.picked is None
+    frame = frame_for(*SIZE, without.q, without.r)
+    pictures = [
+        draw_map_picture(picture_input(one, MapMaker()(one), frame)) for one in (state, pick_device(None)(state))
+    ]
+    assert np.any(pictures[0] != pictures[1])
+    long = fleet_of([0.1], [0.1], names=["x" * 300], growth=[np.nan])
+    assert fleet_layer(OpenFleet(long, picked=0), *RANGES).picked.words[:2] == ("…" + "x" * 35, "q 0.1, r 0.1")

@@ -23,6 +23,7 @@ from kalscope_app.session.changes import (
     select_channel,
     sensor_limits,
     set_exponent,
+    set_link,
     set_momentum_text,
     set_sensor_exponent,
     set_sensor_text,
@@ -33,6 +34,7 @@ from kalscope_app.session.changes import (
 from kalscope_app.session.live_changes import opened_live, refreshed
 from kalscope_app.session.opening import opened, opened_with
 from kalscope_app.session.session import Session, redo, undo
+from kalscope_app.session.state import SAME_NUMBERS
 
 SENSORS = ("a", "b", "c")
 
@@ -64,21 +66,6 @@ def frame_of(state, runs=None):
     return compute_frame(state, 0, drawn, runs)
 
 
-def readings(state):
-    return state.readings
-
-
-def test_only_channels_of_one_unit_are_offered_and_a_single_one_never():
-    assert candidates(opened(recording())) == SENSORS
-    assert candidates(select_channel("t")(opened(recording()))) == ()
-    assert candidates(opened(recording(("a", "b"), ("", "")))) == ("a", "b")
-
-
-def test_the_curve_of_the_board_itself_is_no_sensor():
-    names = ("near", "near_filtered", "far", "far_filtered")
-    assert candidates(opened(recording(names, ("",) * 4))) == ("near", "far")
-
-
 def test_one_sensor_and_sensors_of_two_units_are_refused():
     state = opened(recording())
     assert readings_of(state, ("a", "c")) == [0, 2]
@@ -89,7 +76,7 @@ def test_one_sensor_and_sensors_of_two_units_are_refused():
 
 
 def test_fused_sensors_are_on_screen_in_place_of_the_channel(state):
-    frame, expected = frame_of(state), fuse(readings(state), params())
+    frame, expected = frame_of(state), fuse(state.readings, params())
     assert np.array_equal(frame.filtered, expected.x)
     assert np.array_equal(frame.spread, 2.0 * np.sqrt(expected.p))
     assert frame.rejected == expected.rejected.sum()
@@ -104,7 +91,7 @@ def test_a_sensor_that_drops_out_changes_line_shares_and_no_other_sensor(state):
     without = set_taking_part("c", False)(state)
     shares = without.fusion.shares
     assert shares == {"a": pytest.approx(0.2), "b": pytest.approx(0.8), "c": 0.0}
-    assert np.array_equal(frame_of(without).filtered, fuse(readings(without), params().only([0, 1])).x)
+    assert np.array_equal(frame_of(without).filtered, fuse(without.readings, params().only([0, 1])).x)
     assert [one.name for one in frame_of(without).sensors] == ["a", "b"]
     assert set_taking_part("c", True)(without).settings == state.settings
 
@@ -143,8 +130,11 @@ def test_q_momentum_and_gate_are_those_of_the_fused_filter_while_it_is_on_screen
     assert (tuned.fusion.used.params.q, tuned.fusion.used.params.momentum) == (0.1, 20.0)
     assert tuned.settings.tunings == before
     assert set_text("gate", "off")(tuned).fusion.used.params.gate is None
-    assert np.array_equal(frame_of(tuned).filtered, fuse(readings(tuned), tuned.fusion.used.params).x)
+    assert np.array_equal(frame_of(tuned).filtered, fuse(tuned.readings, tuned.fusion.used.params).x)
     assert reset_parameters(set_taking_part("a", False)(tuned)).settings == state.settings
+    linked = stop_fusing(set_link(SAME_NUMBERS)(tuned))  # of the channels, not of the fused value
+    assert tuple(one.name for one in linked.settings.tunings) == linked.recording.names
+    assert linked.tuning == before[0]
 
 
 def test_a_channel_and_the_fused_value_are_chosen_by_name(state):

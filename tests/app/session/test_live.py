@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import threading
-import time
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from feed import Board
-from waiting import PATIENCE, wait_until
+from waiting import wait_until
 
 from kalscope import BadSetting, Recording, kalman_filter, starting_params
 from kalscope.filtering.classic import Chain, OneEuro
@@ -17,13 +15,7 @@ from kalscope.tuning.tuning import ChannelTuning, Tuning
 from kalscope_app.engine.engine import Engine, Part
 from kalscope_app.engine.filter_runs import FilterRuns, choose_samples
 from kalscope_app.engine.frame import compute_frame
-from kalscope_app.session.changes import (
-    reset_parameters,
-    set_board_channel,
-    set_text,
-    set_window,
-    use_chain,
-)
+from kalscope_app.session.changes import reset_parameters, set_board_channel, set_text, set_window, use_chain
 from kalscope_app.session.live_changes import (
     MAX_STUDIED,
     START_SAMPLES,
@@ -31,10 +23,8 @@ from kalscope_app.session.live_changes import (
     live_window,
     opened_live,
     refreshed,
-    set_paused,
     set_span,
     studied,
-    without_samples,
 )
 from kalscope_app.session.opening import opened
 from kalscope_app.session.session import Session, redo, undo
@@ -158,17 +148,6 @@ def test_later_requests_of_the_turn_that_returns_to_a_board_see_its_samples(boar
     assert (state.tuning.q == 7.0, failures) == (back == 2, [])
 
 
-def test_a_state_without_samples_keeps_no_array_of_a_board_alive(board):
-    state = opened_board(board.send(200), "x")
-    reduced = without_samples(state)
-    for kept, of in (
-        (reduced.recording.time, state.recording.time),
-        (reduced.recording.values, state.recording.values),
-    ):
-        assert not np.shares_memory(kept, of)
-        np.testing.assert_array_equal(kept, of[:2])
-
-
 def test_studies_of_a_board_look_at_its_newest_samples(board):
     state = opened_board(board.send(MAX_STUDIED + 500), "x")
     assert studied(state).recording.values[-1, 0] == board.values[-1, 0]
@@ -187,33 +166,6 @@ def test_the_boards_own_filter_is_drawn_and_compared():
     assert frame.board_difference == pytest.approx(0.25)
     np.testing.assert_array_equal(frame.board, board.values[:, 1][frame.drawn.indices])
     assert frame_of(set_board_channel(None)(state)).board is None
-
-
-@pytest.mark.slow
-def test_the_engine_draws_what_comes_without_being_asked(board):
-    frames, news = [], threading.Condition()
-
-    def show(frame, _parts=()):
-        with news:
-            frames.append(frame)
-            news.notify_all()
-
-    session = Session(opened_board(board.send(500), "x"), board)
-    engine = Engine(session, show, pytest.fail)
-    engine.start()
-    try:
-        for _ in range(20):
-            board.send(10)
-            time.sleep(0.02)
-        with news:
-            assert news.wait_for(lambda: frames and len(frames[-1].state.recording) == 700, timeout=PATIENCE)
-        sent = session.request(set_paused(True))
-        with news:
-            assert news.wait_for(lambda: frames[-1].serial >= sent, timeout=PATIENCE)
-        board.send(10)
-        assert len(frames[-1].state.recording) == 700
-    finally:
-        engine.stop()
 
 
 @pytest.mark.slow
@@ -241,6 +193,8 @@ def test_a_silent_board_is_drawn_again_only_when_its_status_changes(board, monke
 
 
 def test_what_the_command_line_asked_for_waits_until_the_channels_are_known(board):
+    with pytest.raises(BadSetting):  # what no channel could have is refused at once
+        apply_options(opened_board(board, "x"), "b", None, q="-1")
     state = apply_options(opened_board(board, "x"), "b", None, q="1", r="2", gate="9")
     assert state.recording.names == ("signal",)
     state = grown(board, 20, state)
@@ -250,11 +204,6 @@ def test_what_the_command_line_asked_for_waits_until_the_channels_are_known(boar
     assert (state.channel, tuning.q, tuning.r, tuning.gate) == ("b", 1.0, 2.0, 9.0)
     assert state.settings.starts[1].r != 2.0
     assert grown(board, 500, set_text("q", "5")(state)).tuning.q == 5.0
-
-
-def test_a_setting_that_no_channel_could_have_is_refused_at_once(board):
-    with pytest.raises(BadSetting):
-        apply_options(opened_board(board, "x"), "b", None, q="-1")
 
 
 @pytest.mark.parametrize(("period", "q"), [(0.01, 3.0), (0.0102, 3.0), (0.02, 1.5)])

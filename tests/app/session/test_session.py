@@ -1,28 +1,56 @@
-"""Changes of the State, as truth tables: what is asked, what comes of it; and the queue that carries them."""
+"""Changes of the State, as truth tables, the queue that carries them, undo and redo, and a settings file loaded."""
 
 from __future__ import annotations
 
 import math
-import threading
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from kalscope import BadSetting, Recording, read_recording, starting_params
+from kalscope import BadFile, BadSetting, FilterParams, Recording, kalman_filter, read_recording, starting_params
+from kalscope.filtering.params import MAX_MOMENTUM
+from kalscope.tuning.file import dumps
 from kalscope.tuning.tuning import ChannelTuning, Tuning
+from kalscope_app.engine.filter_runs import choose_samples
+from kalscope_app.engine.frame import compute_frame
 from kalscope_app.session.changes import (
+    MAX_BYTES,
+    MAX_POSITION,
+    momentum_at,
+    pin_present,
     reset_parameters,
     select_channel,
     set_automatic_start,
     set_exponent,
+    set_link,
+    set_momentum_position,
+    set_momentum_text,
     set_sample_period,
     set_text,
+    set_velocity,
     set_window,
     slider_limits,
+    slider_position,
+    uploaded_settings,
+    use_settings,
 )
 from kalscope_app.session.opening import opened, opened_with
-from kalscope_app.session.session import Failed, Session, undo
+from kalscope_app.session.session import (
+    HELD,
+    LIMIT,
+    SAME_GESTURE,
+    Failed,
+    History,
+    Session,
+    record,
+    redo,
+    step,
+    undo,
+)
+from kalscope_app.session.state import SAME_LAG, SAME_NUMBERS, View
 
 
 def recording(n=1000, period=0.01, scale=1.0, names=("a", "b"), sha256="x"):
@@ -131,14 +159,6 @@ def test_the_window_is_clamped_ordered_and_never_empty(state, ends, window):
     assert seen == (window if window is None else pytest.approx(window))
 
 
-def test_a_tuning_reopens_the_same_state(state):
-    tuned = apply(state, set_text("q", "7"), select_channel("b"), set_text("p0", "0"), set_text("x0", "2"))
-    again = opened_with(tuned.recording, tuned.as_tuning())
-    assert again.settings.tunings == tuned.settings.tunings
-    assert again.channel == "b"
-    assert again.answers.note == ""
-
-
 def test_a_tuning_without_a_common_channel_is_refused(state):
     with pytest.raises(BadSetting, match="the tuning must hold a or b"):
         opened_with(state.recording, Tuning((ChannelTuning("other", "", 1.0, 1.0),)))
@@ -180,23 +200,6 @@ def test_a_failing_change_leaves_the_state_and_is_reported(state):
     assert [(failed, str(error)[:9]) for failed, error in failures] == [(Failed.NUMBER, "q must be")]
 
 
-@pytest.mark.slow
-def test_requests_of_many_threads_are_all_applied(state):
-    session, hits = Session(state), []
-
-    def ask():
-        for _ in range(200):
-            session.request(lambda s: hits.append(1) or s)
-
-    threads = [threading.Thread(target=ask) for _ in range(8)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    _, serial, _ = session.apply_requests()
-    assert (len(hits), serial) == (1600, 1600)
-
-
 def test_a_recording_without_time_takes_the_period_that_is_typed(state):
     untimed = opened(recording(period=None))
     timed = set_sample_period("0,02")(untimed)
@@ -223,3 +226,209 @@ def test_the_rate_of_a_file_can_be_overruled_and_given_back(tmp_path):
     assert session.apply_requests()[0].recording.sample_period == 0.02
     session.request(undo)
     assert session.apply_requests()[0].recording is read.recording
+
+
+# --- undo and redo --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("key", "next_key", "pause", "entries"),
+    [
+        ("slider q", "slider q", 0.1, 1),
+        ("slider q", "slider q", SAME_GESTURE + 0.1, 2),
+        ("slider q", "slider q", SAME_GESTURE, 2),
+        ("slider q", "slider r", 0.1, 2),
+        ("text q", "text q", 0.9, 1),
+        ("text q", "slider q", 0.1, 2),
+        ("slider q", "", 0.1, 2),
+        ("", "slider q", 0.1, 2),
+        ("", "", 0.1, 2),
+        (f"{HELD}map", f"{HELD}map", 60.0, 1),
+    ],
+)
+def test_quick_changes_of_one_control_are_one_gesture(state, key, next_key, pause, entries):
+    first, second = set_text("q", "1")(state), set_text("q", "2")(state)
+    history = record(History(), state, first, key, 10.0)
+    history = record(history, first, second, next_key, 10.0 + pause)
+    assert len(history.past) == entries
+    assert history.past[0] is state
+
+
+TUNING_CHANGES = [pin_present, set_link(SAME_NUMBERS), set_text("gate", "9")]
+
+
+@pytest.mark.parametrize("change", TUNING_CHANGES)
+def test_pins_and_channels_are_remembered(state, change):
+    history = record(History(), state, change(state), "", 0.0)
+    assert history.past == (state,)
+    assert step(history, change(state), back=True)[1] == replace(
+        state.with_answers(note=""), view=change(state).view
+    )
+
+
+@pytest.mark.parametrize("name", [field.name for field in fields(View)])
+def test_undo_and_redo_leave_the_view_as_it_is(state, name):
+    history = record(History(), state, set_text("q", "1")(state), "", 0.0)
+    looked = set_text("q", "1")(state).with_view(**{name: "otherwise"})
+    history, back = step(history, looked, back=True)
+    assert (back.tuning.q, getattr(back.view, name)) == (state.tuning.q, "otherwise")
+    _, forth = step(history, back.with_view(**{name: "again"}), back=False)
+    assert (forth.tuning.q, getattr(forth.view, name)) == (1.0, "again")
+
+
+def test_back_and_forth_is_the_identity(state):
+    tuned = set_text("q", "1")(state)
+    history = record(History(), state, tuned, "", 0.0)
+    history, before = step(history, tuned, back=True)
+    assert before.settings.tunings == state.settings.tunings
+    history, after = step(history, before, back=False)
+    assert after.settings.tunings == tuned.settings.tunings
+    assert step(history, after, back=False) == (history, after)
+    assert step(History(), state, back=True) == (History(), state)
+
+
+def test_undo_shows_another_channel_from_its_beginning(state):
+    other = select_channel("b")(state)
+    _, back = step(record(History(), state, other, "", 0.0), other, back=True)
+    assert (back.channel, back.view.resets) == ("a", other.view.resets + 1)
+
+
+def test_at_least_a_hundred_gestures_are_kept_but_few_recordings(state):
+    history, present = History(), state
+    for i in range(500):
+        after = set_exponent("q", -3 + i / 200)(present)
+        history, present = record(history, present, after, "", float(i)), after
+    assert LIMIT >= 100
+    assert 100 <= len(history.past) <= LIMIT
+    for _ in range(10):
+        after = opened(recording(), present)
+        history, present = record(history, present, after, "", 0.0), after
+    assert len({id(s.recording) for s in history.past}) <= 4
+
+
+def test_the_session_undoes_and_redoes_by_request(state):
+    session = Session(state)
+    session.request(set_text("q", "1"))
+    session.request(set_text("q", "2"))
+    session.request(undo)
+    assert session.apply_requests()[0].tuning.q == 1
+    session.request(undo)
+    assert session.apply_requests()[0].tuning.q == state.tuning.q
+    session.request(undo)
+    assert session.apply_requests()[0].answers.note == "There is nothing to undo."
+    session.request(redo)
+    session.request(redo)
+    session.request(redo)
+    settled = session.apply_requests()[0]
+    assert (settled.tuning.q, settled.answers.note) == (2, "There is nothing to redo.")
+
+
+# --- the momentum τ -------------------------------------------------------------------------------------
+
+
+def with_momentum(state, momentum):
+    return set_momentum_text("momentum", repr(momentum))(state)
+
+
+def momenta(state):
+    return [tuning.momentum for tuning in state.settings.tunings]
+
+
+def test_the_low_end_of_the_slider_is_exactly_off_and_the_high_end_the_longest():
+    assert momentum_at(0.0) == 0.0
+    assert momentum_at(MAX_POSITION) == MAX_MOMENTUM
+    assert slider_position(0.0) == 0.0
+    assert slider_position(MAX_MOMENTUM) == pytest.approx(MAX_POSITION, abs=1e-5)
+
+
+@given(st.floats(0.0, MAX_POSITION))
+def test_the_slider_stays_where_it_was_put(position):
+    """The slider is set again where it is more than half a step away, so it must come back nearer than that."""
+    assert abs(slider_position(momentum_at(position)) - position) < 0.005
+
+
+@pytest.mark.parametrize("position", [-1.0, 9.0, -1e300, 1e300, math.nan, math.inf])
+def test_whatever_a_browser_sends_the_momentum_is_in_its_range(state, position):
+    moved = set_momentum_position(position)(with_momentum(state, 7.0))
+    assert 0.0 <= moved.tuning.momentum <= MAX_MOMENTUM
+
+
+@pytest.mark.parametrize(
+    ("text", "samples"),
+    [
+        *(("12", 12.0), ("12,5", 12.5), ("12 samples", 12.0), ("0", 0.0), ("off", 0.0), ("", 0.0), (" OFF ", 0.0)),
+        *(("120 ms", 12.0), ("120ms", 12.0), ("0.12 s", 12.0), ("0.002 min", 12.0)),
+    ],
+)
+def test_a_momentum_is_typed_in_samples_or_as_a_time(state, text, samples):
+    typed = set_momentum_text("momentum", text)(with_momentum(state, 3.0))
+    assert typed.tuning.momentum == pytest.approx(samples, rel=1e-12)
+
+
+@pytest.mark.parametrize("text", ["-1", "1e6", "nan", "inf", "much", "ms", "-3 ms", "9 h", "1 2"])
+def test_what_is_no_momentum_is_refused_by_its_name(state, text):
+    with pytest.raises(BadSetting, match="momentum must be"):
+        set_momentum_text("momentum", text)(state)
+
+
+def test_a_time_needs_the_sample_period():
+    with pytest.raises(BadSetting, match="momentum must be in samples while the sample period is not known"):
+        set_momentum_text("momentum", "120 ms")(opened(recording(period=None)))
+
+
+def test_the_other_channels_keep_their_momentum_unless_they_are_linked(state):
+    assert momenta(with_momentum(state, 12.0)) == [12.0, 0.0]
+    for link in (SAME_NUMBERS, SAME_LAG):
+        assert momenta(with_momentum(set_link(link)(state), 12.0)) == [12.0, 12.0]
+
+
+@pytest.mark.parametrize("period", [0.02, None])
+def test_the_frame_shows_the_filter_with_momentum_and_its_velocity_on_request(period):
+    state = with_momentum(opened(recording(period=period)), 12.0)
+    drawn = choose_samples(state.recording, state.channel, None)
+    plain, shown = (compute_frame(one, 0, drawn) for one in (state, set_velocity(True)(state)))
+    expected = kalman_filter(state.z, FilterParams(state.tuning.q, state.tuning.r, momentum=12.0))
+    assert np.array_equal(shown.filtered, expected.x, equal_nan=True)
+    assert plain.velocity is None
+    rate = 1.0 if period is None else 1.0 / period
+    np.testing.assert_allclose(shown.velocity, expected.velocity * rate, rtol=1e-12)
+    np.testing.assert_allclose(shown.velocity_spread, 2.0 * rate * np.sqrt(expected.velocity_p), rtol=1e-12)
+    off = set_velocity(True)(set_momentum_position(0.0)(state))
+    assert compute_frame(off, 0, drawn).velocity is None  # the five lines have none
+
+
+# --- a settings file loaded onto what is open -----------------------------------------------------------
+
+
+@pytest.fixture
+def file(state):
+    tuned = state
+    for name, text in {"q": "7", "r": "3", "p0": "2", "gate": "16", "momentum": "12"}.items():
+        tuned = set_text(name, text)(tuned)
+    return dumps(tuned.as_tuning()).encode(), tuned.settings.tunings
+
+
+def test_a_file_that_was_saved_comes_back_and_can_be_undone(state, file):
+    content, expected = file
+    session = Session(state)
+    session.request(use_settings(uploaded_settings("mine.toml", content), "mine.toml"))
+    loaded = session.apply_requests()[0]
+    assert loaded.settings.tunings == expected
+    assert loaded.answers.note == "Loaded mine.toml."
+    session.request(undo)
+    assert session.apply_requests()[0].settings == state.settings
+
+
+def test_another_rate_rescales_q_and_no_rate_takes_that_of_the_file(file):
+    tuning = uploaded_settings("mine.toml", file[0])
+    slower = use_settings(tuning, "mine.toml")(opened(recording(period=0.02)))
+    assert slower.tuning.q == pytest.approx(14.0)
+    assert slower.answers.note.startswith("Loaded mine.toml. Q was multiplied by 2")
+    untimed = use_settings(tuning, "mine.toml")(opened(recording(period=None)))
+    assert (untimed.recording.sample_period, untimed.tuning.q) == (0.01, 7.0)
+
+
+@pytest.mark.parametrize("content", [b"", b"a = 1", b"\xff\xfe", b"[[channel]]\nname = 3", b"#" * (MAX_BYTES + 1)])
+def test_what_is_no_settings_file_is_refused_by_name(content):
+    with pytest.raises(BadFile, match=r"mine\.toml"):
+        uploaded_settings("mine.toml", content)

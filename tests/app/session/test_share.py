@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import shlex
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -126,30 +125,3 @@ def test_a_sample_period_that_was_typed_comes_along(reopen, tmp_path, monkeypatc
     assert "--sample-period 5.0" in share_line(again).line
     assert essence(reopen(share_line(again).line)) == essence(again)
     assert "--sample-period" not in share_line(set_sample_period("")(again)).line
-
-
-def test_names_that_no_line_can_show_become_numbers():
-    recording = open_source("sample:lis302dl")
-    state = opened(replace(recording, names=("x", "y\nz", "3"), source="a\nb.csv"))
-    shared = share_line(select_channel("y\nz")(state))
-    assert shared.line.startswith("kalscope open FILE --channel 2 --q ")
-    assert "\n" not in shared.line
-
-
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
-        (["--q", "much"], "q must be a number"),
-        (["--q", "-1"], "q must be a finite variance"),
-        (["--q", "0", "--r", "0"], "not both be 0"),
-        (["--x0", "3"], "x0 needs p0"),
-        (["--gate", "0"], "gate must be"),
-        (["--momentum", "-1"], "momentum must be"),
-        (["--momentum", "long"], "momentum must be a number"),
-        (["--channel", "w"], "channel must be one of"),
-    ],
-)
-def test_a_setting_that_makes_no_filter_is_refused_in_one_line(words, message, capsys):
-    assert program.run(["open", "demo", *words, "--port", "0", "--no-browser"]) == 2
-    (line,) = capsys.readouterr().err.splitlines()
-    assert message in line

@@ -19,7 +19,6 @@ from kalscope_app.session.changes import (
     use_variant,
 )
 from kalscope_app.session.opening import opened
-from kalscope_app.session.session import Session, redo, undo
 from kalscope_app.session.state import DARK, LIGHT, MAX_VARIANTS
 from kalscope_app.studies.comparisons import VariantTable
 from kalscope_app.views.variants import EMPTY, table_text
@@ -87,26 +86,6 @@ def test_using_a_variant_ends_the_second_papers_filter(state):
     assert use_variant("A")(other).filter.is_standard
     with pytest.raises(BadSetting, match="so it cannot be pinned"):
         pin_present(other)
-
-
-def test_each_of_them_can_be_undone_one_by_one(state):
-    session = Session(state)
-    for change in (pin_present, set_text("q", "9"), delete_variant("A")):
-        session.request(change)
-    seen = [names(session.apply_requests()[0])]
-    for step in (undo, undo, undo, redo):
-        session.request(step)
-        seen.append(names(session.apply_requests()[0]))
-    assert seen == [[], ["A"], ["A"], [], ["A"]]
-
-
-def test_variants_stay_for_channels_of_the_same_name_and_unit(state):
-    tuned = pin(state, 1)
-    assert names(opened(replace(state.recording), tuned)) == ["A"]
-    assert names(opened(replace(state.recording, source="other.csv"), tuned)) == ["A"]
-    for other in ({"names": ("b", "c")}, {"units": ("furlong", "furlong")}):
-        changed = replace(state.recording, source="other.csv", **other)
-        assert opened(changed, tuned).variants == ()
 
 
 def test_curves_are_the_filter_at_the_drawn_samples_and_are_computed_once(state):

@@ -11,7 +11,7 @@ import pytest
 
 from kalscope import BadSetting, FilterParams, Recording
 from kalscope.errors import BadDevice
-from kalscope.export.board import BoardFilter, board_filter, momentum_on_board
+from kalscope.export.board import momentum_on_board
 from kalscope.export.float32 import Float32Params, filter_float32
 from kalscope.filtering.classic import Chain, Exponential
 from kalscope.sources.live.samples import Snapshot
@@ -97,11 +97,6 @@ MEDIAN_ANSWER = "# light q=0 r=0 p=0 m=5 bits=3F800000,3F800000,7F800000"
             "sketch of a classic filter takes no values while it runs: export",
         ),
         (None, "# light takes no values while it runs: …", "filter of light on this board is not Kalman's"),
-        (
-            None,
-            MEDIAN_ANSWER,
-            r"that of the board, 5 samples, which no command changes \(got 1\): export",
-        ),
         (Chain(3), MEDIAN_ANSWER, r"5 samples, which no command changes \(got 3\)"),
     ],
 )
@@ -110,23 +105,6 @@ def test_another_filter_than_the_boards_is_not_sent_and_the_board_left_as_it_is(
     with pytest.raises(BadSetting, match=words):
         send_setting(state.with_tuning(chain=chain), board)
     assert board.asked == (["?"] if answer else [])
-
-
-UNNAMED = ("value 1", "value 2", "value 3", "value 4")
-
-
-def test_a_board_that_told_its_names_before_we_listened_is_known_by_the_order_of_its_columns():
-    assert board_filter(UNNAMED[:2], "value 1", 1) == BoardFilter(None, "value 2")
-    assert board_filter(UNNAMED, "value 1", 2) == BoardFilter(1, "value 2")
-    assert board_filter(UNNAMED, "value 3", 2) == BoardFilter(2, "value 4")
-    for names, channel, filters in (
-        (UNNAMED, "value 2", 2),  # a filtered one
-        (UNNAMED, "value 1", 1),  # the board says that it has one filter: what are the others?
-        (UNNAMED, "value 1", 0),
-        (UNNAMED[:3], "value 1", 1),
-    ):
-        with pytest.raises(BadSetting, match="this board cannot be tuned: it sends no filtered column"):
-            board_filter(names, channel, filters)
 
 
 def test_what_the_board_says_it_uses_is_what_counts(state):

@@ -1,30 +1,27 @@
-"""What the tabs Compare, Spectrum and Allan draw and write, without a browser."""
+"""What the tabs Compare, Spectrum, Allan and Channels draw and write, and channels tuned together."""
 
 from __future__ import annotations
 
-import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from kalscope import Recording
-from kalscope.analysis.filter_errors import Difference
-from kalscope.filtering.classic import Chain
-from kalscope.papers.generalized import GeneralizedParams
-from kalscope_app.session.changes import set_drawn_alternative, set_match_by, set_window
-from kalscope_app.session.opening import opened
-from kalscope_app.studies.checks import compute_allan, compute_spectra
-from kalscope_app.studies.comparisons import AlternativesStudy
-from kalscope_app.views.chart_tabs import (
-    ALL,
-    NAMES,
-    about_kalman,
-    against,
-    cutoff_words,
-    text_of,
-    verdict_of,
+from kalscope import BadSetting, Recording, denoise, open_source, steady_state
+from kalscope_app.session.changes import (
+    reset_parameters,
+    set_drawn_alternative,
+    set_exponent,
+    set_link,
+    set_match_by,
+    set_text,
+    set_window,
 )
+from kalscope_app.session.opening import opened
+from kalscope_app.session.state import SAME_LAG, SAME_NUMBERS
+from kalscope_app.studies.checks import compute_spectra
+from kalscope_app.studies.comparisons import MAX_LANE_POINTS, MAX_LANES, AlternativesStudy, Overviews
+from kalscope_app.views.chart_tabs import ALL, NAMES, cutoff_words, lanes_of, lead_of, table_of, text_of
 from kalscope_app.views.charts import Scale
 
 RNG = np.random.default_rng(30)
@@ -61,19 +58,6 @@ def test_a_long_recording_is_compared_around_the_view_and_drawn_only_there():
     assert end.inside.all()
 
 
-@pytest.mark.slow
-def test_the_study_is_computed_again_only_when_the_comparison_changes():
-    study, state = AlternativesStudy(), state_of()
-    first = study.compute(state).found
-    assert study.compute(set_drawn_alternative("Median")(state)).found is first
-    assert study.compute(state.with_view(dark=True)).found is first
-    assert study.compute(set_window(1.0, 5.0)(state)).found is first  # the whole recording all the same
-    assert study.compute(set_match_by("noise")(state)).found.match == "noise"
-    assert study.compute(state.with_tuning(q=0.5)).found is not first
-    again = study.compute(state_of()).found
-    assert study.compute(state).found is not again
-
-
 @pytest.mark.parametrize(("word", "match"), [("noise", "noise"), ("lag", "lag"), ("rubbish", "lag"), ("", "lag")])
 def test_a_browser_may_send_any_word(word, match):
     state = state_of()
@@ -81,14 +65,6 @@ def test_a_browser_may_send_any_word(word, match):
     long = set_drawn_alternative("x" * 10_000)(state)
     assert len(long.view.drawn_alternative) == 60
     assert len(AlternativesStudy().compute(long).alternatives) == len(NAMES)
-
-
-def test_the_second_papers_filter_has_nothing_to_compare():
-    state = state_of()
-    state = state.with_tuning_of(0, replace(state.tuning, paper=GeneralizedParams(1.0, None, None, "printed")))
-    assert AlternativesStudy().compute(state) is None
-    assert compute_spectra(state) is None
-    assert compute_allan(state) is None
 
 
 def test_the_table_has_a_row_a_filter_and_no_markup_from_the_unit():
@@ -100,36 +76,6 @@ def test_the_table_has_a_row_a_filter_and_no_markup_from_the_unit():
     assert "exponential smoothing with α = K" in text
     assert "**Moving average.**" in text
     assert "**Median.**" in text_of(AlternativesStudy().compute(set_drawn_alternative(ALL)(state_of())))
-
-
-@pytest.mark.slow
-def test_while_a_chain_runs_every_sentence_names_the_kalman_filter():
-    chained = {"chain": Chain(3)}
-    cases = {
-        "the errors of the Kalman filter are correlated over": state_of(300).with_tuning(**chained),
-        "The Kalman filter passes the signal unchanged": state_of(300).with_tuning(r=1e-30, **chained),
-        "The lag of the Kalman filter, ": state_of(100).with_tuning(q=1e-9, **chained),
-    }
-    for words, state in cases.items():
-        compared = AlternativesStudy().compute(state)
-        text = f"{verdict_of(compared)} {about_kalman(text_of(compared))}"
-        assert words in text
-        assert not re.search(r"\b(yours?|this filter|current filter)\b", text, re.IGNORECASE)
-
-
-@pytest.mark.parametrize(
-    ("d", "words"),
-    [
-        (None, "–"),
-        (Difference(np.nan, 0.0, np.inf), "–"),
-        (Difference(1.2, 0.0, np.inf), "too short to tell"),
-        (Difference(1.01, 0.99, 1.03), "no significant difference"),
-        (Difference(1.042, 1.033, 1.053), "4.2 % worse (3.3 to 5.3)"),
-        (Difference(0.8, 0.75, 0.85), "20 % better (15 to 25)"),
-    ],
-)
-def test_differences_in_words(d, words):
-    assert against(d) == words
 
 
 def test_the_density_keeps_its_power_in_bins_and_the_cutoff_is_on_the_response():
@@ -149,3 +95,84 @@ def test_the_density_keeps_its_power_in_bins_and_the_cutoff_is_on_the_response()
     fast = compute_spectra(state_of().with_tuning(q=1.0, r=0.01))
     assert "no cut-off" in cutoff_words(fast, hertz)
     assert np.isfinite(fast.response_db).all()
+
+
+# --- several channels: tuned together, and side by side -------------------------------------------------
+
+
+def recording(n=500, channels=3, scale=10.0):
+    z = np.random.default_rng(7).normal(size=(n, channels)) * scale ** np.arange(channels)
+    names = tuple(f"c{i}" for i in range(channels))
+    return Recording(np.arange(n) * 0.01, names, ("V",) * channels, z, 0.01)
+
+
+@pytest.fixture
+def state():
+    return opened(recording())
+
+
+def lags(state):
+    return [float(steady_state(tuning.params).lag_samples) for tuning in state.settings.tunings]
+
+
+CHANGES = [
+    set_text("q", "0.3"),
+    set_exponent("r", 1.0),
+    set_text("p0", "4"),
+    set_text("gate", "9"),
+    reset_parameters,
+]
+
+
+@pytest.mark.parametrize("change", CHANGES)
+def test_tuned_together_every_change_sets_all_channels(state, change):
+    together = change(set_link(SAME_NUMBERS)(set_text("q", "0.1")(state)))
+    assert len({tuning.params for tuning in together.settings.tunings}) == 1
+    alone = change(set_text("q", "0.1")(state))
+    assert alone.settings.tunings[1:] == state.settings.tunings[1:]
+
+
+def test_the_same_lag_holds_for_channels_of_any_scale(state):
+    with pytest.raises(BadSetting, match="way of tuning channels must be one of"):
+        set_link("<img>")(state)
+    together = set_text("q", "0.3")(set_link(SAME_LAG)(state))
+    assert lags(together) == pytest.approx([lags(together)[0]] * 3)
+    noise = [start.r for start in state.settings.starts]
+    assert [t.r / n for t, n in zip(together.settings.tunings, noise, strict=True)] == pytest.approx([1.0] * 3)
+
+
+def test_lanes_hold_each_channel_on_its_own_scale(state):
+    overview = Overviews().compute(state)
+    assert [lane.name for lane in overview.lanes] == ["c0", "c1", "c2"]
+    for i, lane in enumerate(overview.lanes):
+        z = state.recording.values[:, i]
+        assert (lane.low, lane.high) == (z.min(), z.max())
+        middle, half = (z.max() + z.min()) / 2, (z.max() - z.min()) / 2
+        assert np.allclose(lane.raw, (z - middle) / half, atol=1e-12)
+        filtered = denoise(z, state.settings.tunings[i].params)
+        assert np.allclose(lane.filtered, (filtered - middle) / half, atol=1e-9)
+
+
+@pytest.mark.parametrize(("channels", "lanes"), [(1, 0), (2, 2), (16, 16), (40, MAX_LANES)])
+def test_sixteen_channels_are_drawn_of_any_number(channels, lanes):
+    state = opened(recording(n=20_000, channels=channels, scale=1.5))
+    overview = Overviews().compute(state)
+    assert len(overview.lanes) == lanes
+    assert len(overview.time) <= MAX_LANE_POINTS + MAX_LANES
+    assert (np.diff(overview.time) > 0).all()
+    if lanes:
+        _, ys, layout = lanes_of(overview)
+        assert len(layout.series) == 1 + len(ys) == 1 + 2 * lanes
+        assert layout.y_range == (0.5, lanes + 0.5)
+        for i, y in enumerate(ys):
+            assert (np.abs(y - (i // 2 + 1)) < 0.5).all()  # no lane reaches into the next
+        assert table_of(overview).count("\n") == lanes + 1
+    assert ("24 more than 16" in lead_of(overview)) == (channels == 40)
+
+
+def test_channel_names_are_escaped_in_the_table():
+    rec = replace(open_source("sample:lis302dl"), names=("<b>|x", "y", "z"))
+    text = table_of(Overviews().compute(opened(rec)))
+    assert "<b>" not in text
+    assert text.splitlines()[2].replace(r"\|", "").count("|") == 8
+    assert "missing" not in text  # where no channel misses a sample, that column is left out

@@ -8,27 +8,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from kalscope import (
-    FilterParams,
-    Recording,
-    estimate,
-    log_likelihood,
-    synthesize,
-)
-from kalscope_app.session.changes import (
-    set_automatic_start,
-    set_exponent,
-    set_momentum_text,
-    set_point,
-    set_window,
-)
+from kalscope import FilterParams, Recording, estimate, log_likelihood, steady_state, synthesize
+from kalscope_app.session.changes import set_automatic_start, set_exponent, set_momentum_text, set_point, set_window
 from kalscope_app.session.opening import opened
-from kalscope_app.session.session import HELD, History, record
-from kalscope_app.studies.tuning_map import (
-    TUNING_MAP_CELLS,
-    MapMaker,
-    cell_exponents,
-)
+from kalscope_app.studies.tuning_map import TUNING_MAP_CELLS, MapMaker, cell_exponents, frame_for, lag_lines
 
 
 def walk(n=5000, q=0.02, r=1.0, seed=0, scale=1.0, period=0.01):
@@ -92,15 +75,6 @@ def test_the_map_of_a_record_with_spikes_is_that_of_the_fit_without_them():
     assert "Spikes (29) count as missing." in shown.note
 
 
-def test_a_record_without_noise_or_movement_says_so():
-    constant = Recording(np.arange(9.0), ("a",), ("",), np.full((9, 1), 2.0), 1.0)
-    shown = MapMaker()(opened(constant))
-    assert (shown.marks, shown.optimum) == ((), None)
-    assert shown.note
-    white = Recording(np.arange(400.0), ("a",), ("",), np.random.default_rng(6).normal(size=(400, 1)), 1.0)
-    assert MapMaker()(opened(white)).optimum is not None
-
-
 @pytest.mark.parametrize(
     ("asked", "q", "r"),
     [
@@ -114,16 +88,6 @@ def test_a_point_becomes_q_and_r_at_three_digits_within_what_a_filter_takes(aske
     assert (state.tuning.q, state.tuning.r, state.tuning.how) == (q, r, "by hand")
 
 
-@pytest.mark.parametrize(("key", "entries"), [(HELD + "map 1", 1), ("q", 2)])
-def test_a_held_gesture_stays_one_however_long_it_rests(key, entries):
-    state = opened(walk())
-    history, now = History(), 0.0
-    for exponent in (-3.0, -2.0):
-        after = set_point(exponent, 0.0)(state)
-        history, state, now = record(history, state, after, key, now), after, now + 60.0
-    assert len(history.past) == entries
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("momentum", [0.0, 7.0, 300.0])
 def test_each_cell_is_the_likelihood_of_its_pair_at_the_present_momentum(momentum):
@@ -134,3 +98,24 @@ def test_each_cell_is_the_likelihood_of_its_pair_at_the_present_momentum(momentu
         q, r = 10 ** cell_exponents(shown.q)[column], 10 ** cell_exponents(shown.r)[row]
         expected = log_likelihood(state.z, FilterParams(q=q, r=r, momentum=momentum))
         assert shown.values[row, column] == pytest.approx(expected, rel=5e-3, abs=0.1)
+
+
+FRAME = frame_for(452, 900, (-6, 2), (-4, 2))
+
+
+def test_lines_of_equal_lag_are_1_and_3_of_every_decade_that_crosses_the_map():
+    lags = [line.lag * 10.0 for line in lag_lines(FRAME, 10.0)]  # ms, at 100 Hz
+    assert lags == pytest.approx([10, 30, 100, 300, 1e3, 3e3, 1e4, 3e4], rel=1e-9)
+
+
+@pytest.mark.parametrize("momentum", [2.0, 100.0, 1e4])
+def test_with_momentum_the_lines_have_the_lag_that_is_written_beside_them(momentum):
+    frame = replace(FRAME, momentum=momentum)
+    lines = lag_lines(frame, 10.0)
+    written = sorted(float(f"{10.0 * line.lag:.3g}") for line in lines)
+    assert set(written) <= {10, 30, 100, 300, 1e3, 3e3, 1e4, 3e4, 1e5}
+    assert len(written) == len(set(written)) > 4
+    for line in lines:
+        q, r = frame.point(line.end)
+        steady = steady_state(FilterParams(q=10.0 ** (q - r), r=1.0, momentum=momentum))
+        assert float(steady.lag_samples) == pytest.approx(line.lag, rel=1e-6)

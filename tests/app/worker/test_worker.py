@@ -6,7 +6,6 @@ import os
 import sys
 import tempfile
 import threading
-from copy import copy
 from functools import partial
 from pathlib import Path
 
@@ -64,15 +63,6 @@ def test_a_file_is_read_in_another_process_with_the_same_result(worker, tmp_path
     assert (there.names, there.units, there.report) == (here.names, here.units, here.report)
     assert (there.source, there.sha256) == (here.source, here.sha256)
     assert all(0.0 <= fraction <= 1.0 for fraction, _ in shown)
-
-
-def test_arrays_arrive_bit_for_bit_however_long_they_are(worker):
-    values = np.asfortranarray(np.random.default_rng(1).normal(size=(1_500_000, 3)))
-    values[5] = np.nan
-    sent = [values, values.T, values[::-2, 1], np.empty((0, 3)), np.frombuffer(b"abc", np.uint8)]
-    for before, after in zip(sent, worker.run(partial(copy, sent), ""), strict=True):
-        assert np.array_equal(before, after, equal_nan=before.dtype == float)
-        assert (before.dtype, before.flags.fnc) == (after.dtype, after.flags.fnc) or before.base is values
 
 
 def test_the_errors_of_a_task_come_back_as_they_are(worker):
@@ -147,13 +137,6 @@ def test_what_the_memory_cannot_hold_is_one_line_and_the_process_goes_on(worker)
     run(worker, f"{free} memory.free_memory")
     assert len(worker.run(partial(open_source, "demo"), "demo")) == 1000
     assert worker.run(os.getpid, "") == pid
-
-
-def test_a_task_that_the_memory_of_the_process_cannot_hold_is_one_line_and_the_next_one_is_done(worker):
-    run(worker, "import kalscope_app.worker.child as child; child.free_memory = lambda: 0")
-    with pytest.raises(NoMemory, match=r"^log.csv must fit into the memory that is free, and it does not"):
-        worker.run(partial(np.sum, np.ones(9)), "log.csv")
-    assert len(worker.run(partial(open_source, "demo"), "demo")) == 1000
 
 
 def test_a_task_that_says_nothing_is_given_up(worker, monkeypatch):

@@ -1,7 +1,6 @@
 """The attacks of docs/project/security.md, each as one row: who does what, and what must be seen.
 
-`test_attacks.py` carries them out against the real program; run as a script, this module does the same against
-stock viser as well and prints both as a table.
+`test_attacks.py` carries them out against the real program.
 """
 
 from __future__ import annotations
@@ -9,17 +8,14 @@ from __future__ import annotations
 import contextlib
 import math
 import socket
-import subprocess
-import sys
 import tempfile
-import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 import msgspec
 from program import port_of, running, token_of
-from waiting import PATIENCE, wait_until
+from waiting import PATIENCE
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from wire import Guest, client
 
@@ -33,9 +29,7 @@ class Victim:
     port: int
     """Where it listens."""
     token: str
-    """The secret, known to the user and, where the row says so, stolen; stock viser ignores it."""
-    said: Callable[[], str] = field(default=lambda: "")
-    """What its standard output has said so far."""
+    """The secret, known to the user and, where the row says so, stolen."""
 
     @property
     def own(self) -> str:
@@ -135,17 +129,6 @@ def sends(frame: bytes | str) -> Callable[[Victim], str]:
     return perform
 
 
-def shares(victim: Victim) -> str:
-    """A logged-in client asks for viser's public tunnel; the stock victim has a stand-in that tells."""
-    with Guest(victim.port, victim.token) as hostile:
-        hostile.read_until(lambda: hostile.widgets)
-        hostile.send("ShareUrlRequest")
-        a_while_later = time.monotonic() + 1.0
-        while time.monotonic() < a_while_later:
-            hostile.read(timeout=0.1)
-    return "a public tunnel" if "TUNNEL" in victim.said() else "nothing happens"
-
-
 def sets_value(value: float) -> Callable[[Victim], str]:
     """A logged-in client sends a slider beyond its end; another one comes and looks."""
 
@@ -211,7 +194,6 @@ ATTACKS = {
     "W10": Attack("socket by localhost (the user)", "open", opens("http://localhost:{port}", "localhost:{port}")),
     "W11": Attack("socket of the https page of our name", "403", opens("https://{own}")),
     "W12": Attack("`Upgrade: WebSocket` of a foreign page", "403", opens("http://evil.example", word="WebSocket")),
-    "W13": Attack("a client asks for the public tunnel", "nothing happens", shares),
     "W14": Attack("a client sends a broken frame", "served on", sends(b"\xc1\xff garbage")),
     "W15": Attack("a client sends text", "served on", sends("text")),
     "W16a": Attack("a client sets a slider to 1e9", "within the range", sets_value(1e9)),
@@ -219,38 +201,6 @@ ATTACKS = {
     "D1a": Attack("200 half-open connections", "served on", half_open),
     "D1b": Attack("another address of this machine", "refused", from_network),
 }
-
-
-# --- the same against stock viser -------------------------------------------------------------------------
-
-STOCK = """
-import time, viser, viser._viser as inner
-class Tunnel:
-    def __init__(self, *_):
-        print("TUNNEL", flush=True)
-        raise OSError("no tunnel in a test")
-inner.ViserTunnel = Tunnel  # the public service is never called
-server = viser.ViserServer(port=0)
-server.gui.add_slider("a slider", min=0.0, max=1.0, step=0.1, initial_value=0.5)
-print("PORT", server.get_port(), flush=True)
-time.sleep(600)
-"""
-
-
-@contextlib.contextmanager
-def stock_viser() -> Iterator[Victim]:
-    """viser as it comes."""
-    with tempfile.TemporaryDirectory() as folder:
-        out = Path(folder) / "out"
-        with out.open("w") as sink:
-            process = subprocess.Popen([sys.executable, "-c", STOCK], stdout=sink, stderr=subprocess.DEVNULL)
-        try:
-            wait_until(lambda: "PORT" in out.read_text() and out.read_text().endswith("\n"), "the port")
-            port = int(out.read_text().split("PORT", 1)[1].split()[0])
-            yield Victim(port, "none", out.read_text)
-        finally:
-            process.kill()
-            process.wait()
 
 
 @contextlib.contextmanager
@@ -268,16 +218,3 @@ def seen_by(attack: Attack, victim: Victim) -> str:
         return str(refused.response.status_code)
     except (OSError, AssertionError, LookupError, msgspec.DecodeError) as error:
         return type(error).__name__
-
-
-def main() -> None:
-    """Print the table of docs/project/security.md."""
-    print("| | attack | stock viser | expected | Kalscope |\n|---|---|---|---|---|")
-    with stock_viser() as stock, kalscope() as ours:
-        for number, attack in ATTACKS.items():
-            plain, guarded = seen_by(attack, stock), seen_by(attack, ours)
-            print(f"| {number} | {attack.what} | {plain} | {attack.expected} | {guarded} |", flush=True)
-
-
-if __name__ == "__main__":
-    main()
