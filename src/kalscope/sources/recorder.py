@@ -3,7 +3,6 @@
     NAME.csv      host time, device time if sent, the values; gaps and the final account as comment lines
     NAME-2.csv    the same again, where the board began to send other columns
     NAME.rejects  the lines that are not data, with their numbers and reasons
-    NAME.torn     what a crash left after the last whole line, moved there when the recording is resumed
 
 All lines of a call go out in one `os.write`: a program that is killed loses only lines not passed yet.
 Host time is the difference of two monotonic times, so that no step of the wall clock
@@ -14,9 +13,7 @@ from __future__ import annotations
 
 import errno
 import math
-import mmap
 import os
-import shutil
 import threading
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
@@ -29,27 +26,18 @@ from kalscope.common.files import sync_folder
 from kalscope.common.text import one_line, program, unused_name
 from kalscope.errors import BadFile
 from kalscope.recording import LineIssue
-from kalscope.sources.grammar.cells import is_comment
 from kalscope.sources.grammar.timestamps import TimeColumn
 from kalscope.sources.port.reader import SYSTEM, Clock
 from kalscope.sources.reading.columns import Column, named_column, only_text
 from kalscope.sources.reading.line_reader import LineEvent
 from kalscope.sources.reading.sniffer import Layout
 
-# The files of one recording, by name: NAME.csv, NAME-2.csv, …, NAME.rejects, NAME.torn.
-
-
-_HEAD_BYTES = 65_536
+# The files of one recording, by name: NAME.csv, NAME-2.csv, …, NAME.rejects.
 
 
 def rejects_path(path: Path) -> Path:
     """Where the rejected lines of a recording go."""
     return path.with_name(f"{path.stem}.rejects")
-
-
-def part_path(path: Path, number: int) -> Path:
-    """Part `number`, from 1, of a recording."""
-    return path if number == 1 else path.with_name(f"{path.stem}-{number}{path.suffix}")
 
 
 def first_free(path: Path) -> Path:
@@ -72,33 +60,10 @@ def check_free(path: Path) -> None:
     """
     if not path.name or path.is_dir():
         raise BadFile(f"a recording must be a file (got {str(path)!r})")
-    if path.suffix.lower() in (".rejects", ".torn"):
-        raise BadFile(f"a recording must not end in .rejects or .torn (got {path.name!r})")
+    if path.suffix.lower() == ".rejects":
+        raise BadFile(f"a recording must not end in .rejects (got {path.name!r})")
     if _is_taken(path):
         raise BadFile(f"{path.name!r} exists already: choose another name, such as {first_free(path).name!r}")
-
-
-def continues_line(before: Path) -> str:
-    """The comment by which a part names the one before it."""
-    return f"# continues {escaped(before.name)}, with the same host time\n"
-
-
-def existing_parts(path: Path) -> list[Path]:
-    """The parts of a recording that exist; files of other recordings that have such names are left out.
-
-    Raises:
-        BadFile: not even the first does.
-        OSError: One cannot be read.
-    """
-    if not path.is_file():
-        raise BadFile(f"there is no recording {str(path)!r} to resume")
-    parts, n = [path], 2
-    while (part := part_path(path, n)).is_file():
-        with part.open("rb") as file:
-            if continues_line(parts[-1]).encode() in file.read(_HEAD_BYTES):
-                parts.append(part)
-        n += 1
-    return parts
 
 
 # How a recording of a live source is written: its header, its rows, its rejected lines. Pure functions on text.
@@ -216,83 +181,6 @@ def _harmless(name: str) -> str:
     return f"'{name}" if name.startswith(_FORMULA) else name or "channel"
 
 
-# A recording whose last line was cut short: whole lines stay, the rest is moved aside.
-#
-# A program that is killed may leave half a line; a power cut may leave zeros after it, or zeros with old bytes of
-# the disk after them. So the file ends with the last newline before the first zero byte.
-
-
-def repair(path: Path) -> int:
-    """Cut a recording, or its file of rejected lines, at its last whole line. No program may be writing to it.
-
-    What follows is appended to NAME.torn (NAME.rejects.torn for the rejected lines), and is on the disk before the
-    file is cut.
-
-    Returns:
-        How many bytes were moved.
-
-    Raises:
-        BadFile: The file is not a Kalscope recording, or there is no space to move the torn tail to; the recording
-            is then unchanged.
-    """
-    torn = path.with_name(f"{path.name}.torn" if path.suffix == ".rejects" else f"{path.stem}.torn")
-    try:
-        with path.open("rb+") as file:
-            head = file.read(40).partition(b"\0")[0].decode("utf-8", "replace")
-            if not any(head.startswith(magic) or magic.startswith(head) for magic in (MAGIC, REJECTS_MAGIC)):
-                raise BadFile(f"{path.name} must begin with {MAGIC!r}, as a recording does (got {head!r})")
-            size = file.seek(0, os.SEEK_END)
-            kept = _end_of_whole_lines(file.fileno()) if size else 0
-            if kept == size:
-                return 0
-            with torn.open("ab") as out:
-                file.seek(kept)
-                shutil.copyfileobj(file, out)
-                out.write(b"\n")  # tails of several crashes stay apart
-                out.flush()
-                os.fsync(out.fileno())
-            file.truncate(kept)
-            file.flush()
-            os.fsync(file.fileno())
-            return size - kept
-    except OSError as error:
-        raise BadFile(f"cannot repair the recording {path.name}: {error.strerror}") from None
-
-
-def _end_of_whole_lines(descriptor: int) -> int:
-    """Offset after the last newline before the first zero byte of a file that is not empty."""
-    with mmap.mmap(descriptor, 0, access=mmap.ACCESS_READ) as data:
-        zero = data.find(b"\0")
-        return data.rfind(b"\n", 0, zero if zero >= 0 else len(data)) + 1
-
-
-def read_ends(path: Path) -> tuple[float | None, str, float]:
-    """What a repaired recording begins and ends with.
-
-    Returns:
-        Unix time at host time 0, s, and the CSV header with its newline, or None and "" where the file ends before
-        them; the host time of the last row, s, 0 where there is none.
-
-    Raises:
-        BadFile: Its comments or its last row cannot be understood.
-        OSError: It cannot be read.
-    """
-    with path.open("rb") as file:
-        head = file.read(_HEAD_BYTES).decode("utf-8", "replace").splitlines(keepends=True)
-        start = max(0, file.seek(0, os.SEEK_END) - _HEAD_BYTES)
-        file.seek(start)
-        tail = file.read().decode("utf-8", "replace").splitlines()[1 if start else 0 :]
-    started = next((line for line in head if line.startswith(STARTED)), None)
-    header = next((line for line in head if not is_comment(line)), "")
-    rows = [line for line in tail if not is_comment(line) and line + "\n" != header]
-    try:
-        wall = None if started is None else datetime.fromisoformat(started[len(STARTED) :].split()[0]).timestamp()
-        host = float(rows[-1].partition(",")[0]) if rows else 0.0
-    except (ValueError, IndexError):
-        raise BadFile(f"{path.name} must be a recording as it was written (got one that was edited)") from None
-    return wall, header, host
-
-
 # A file that only grows, by whole lines, whatever the disk does.
 #
 # A full disk cuts a write short, inside a number; the file is then cut back to where it was, and what was to be
@@ -316,7 +204,7 @@ class AppendFile:
     """One growing file. Not for several threads, except `sync`, which may be called from another."""
 
     def __init__(self, path: Path, head: str = "") -> None:
-        """Name the file; it is opened by `open`, or by the first `flush`. `head` comes before all else."""
+        """Name the file; it is created by `create`, or by the first `flush`. `head` comes before all else."""
         self.path, self._head = path, head
         self.error = ""
         """What keeps lines from reaching the file; "" while they do."""
@@ -334,28 +222,22 @@ class AppendFile:
         self._bytes = 0  # of what waits
         self._dirty = False
         self._texts: list[bytes] = []
-        self._failure = ("", 0.0, 0)  # its kind, when it began, the lines lost before
+        self._failed = (0.0, 0)  # when the error began, and the lines lost before
 
     @property
     def problem(self) -> str:
         """What is wrong with the file; "" for nothing."""
         return self.error or self._damage or self._sync_error
 
-    def open(self, *, new: bool) -> int:
-        """Open the file, as a new one, or to append to it; its descriptor.
+    def create(self) -> int:
+        """Create the file; its descriptor.
 
         Raises:
-            OSError: It cannot be opened (FileExistsError: it is there already), or another program appends to it.
+            OSError: It cannot be created (FileExistsError: it is there already).
         """
-        flags = os.O_WRONLY | os.O_APPEND | os.O_CREAT | (os.O_EXCL if new else 0) | getattr(os, "O_BINARY", 0)
-        fd = os.open(self.path, flags, 0o666)
-        try:
-            _lock(fd)
-        except BaseException:  # Ctrl+C as well must not keep the file open and locked
-            os.close(fd)
-            raise
-        self._fd, self.size = fd, os.fstat(fd).st_size
-        return fd
+        flags = os.O_WRONLY | os.O_APPEND | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0)
+        self._fd = os.open(self.path, flags, 0o666)
+        return self._fd
 
     def put(self, text: str, lines: int = 0) -> None:
         """Queue the text of so many lines of the board for the next flush; it is lost if too much waits already."""
@@ -385,13 +267,13 @@ class AppendFile:
         try:
             self._write()
             if self.error:
-                kind, since, lost = self._failure
+                kind, (since, lost) = self.error.partition(" (")[0], self._failed
                 self.note(f"# gap {kind} {now - since:.3f} s ({self.lost - lost} lines dropped)\n")
                 self._write()
             self.error = ""
         except OSError as error:
             kind = "disk full" if error.errno in _FULL else "write error"
-            self._failure = (kind, *self._failure[1:]) if self.error else (kind, now, self.lost)
+            self._failed = self._failed if self.error else (now, self.lost)
             self.error = f"{kind} ({error.strerror}): lines for {self.path.name} wait in memory"
             self._retry_at = now + RETRY_S
 
@@ -403,7 +285,7 @@ class AppendFile:
 
     def _write(self) -> None:
         """Write all that waits; where that raises OSError, nothing of it."""
-        fd = self.open(new=False) if self._fd is None else self._fd
+        fd = self.create() if self._fd is None else self._fd
         data = b"".join(self._texts)
         end, rest = self.size + len(data), memoryview(data)
         try:
@@ -448,18 +330,6 @@ class AppendFile:
                 self._fd = None
 
 
-def _lock(fd: int) -> None:
-    """Two programs that append to one file would mix their lines."""
-    try:
-        import fcntl
-
-        fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        raise OSError(errno.EBUSY, "it is being recorded") from None
-    except (ImportError, OSError):  # Windows, and some file systems, have no such locks
-        return
-
-
 # The recorder.
 
 
@@ -499,31 +369,24 @@ StampedLine = tuple[float, LineEvent, Layout | None]
 class Recorder:
     """Writes one recording. Any thread may call it; its calls run one after the other."""
 
-    def __init__(self, path: Path, source: str, *, resume: bool = False, clock: Clock = SYSTEM) -> None:
-        """Create a recording, which never overwrites a file, or resume one that ended or that a crash cut short.
-
-        To resume, the torn tail is moved into NAME.torn, then a comment says how long nothing was recorded. Host
-        time continues by the wall clock; where that was set back, at the last row. Lines with other columns than
-        those of the file go into a new part.
+    def __init__(self, path: Path, source: str, *, clock: Clock = SYSTEM) -> None:
+        """Create a recording, which never overwrites a file. Lines with other columns go into a new part.
 
         Args:
             path: NAME.csv; its folder exists, and the caller has checked that it may be written to.
             source: What is recorded, as the command line names it.
-            resume: Continue the recording at `path`.
             clock: Host time 0 is its present time; its monotonic part times the retries on a full disk, too.
 
         Raises:
-            BadFile: The name is taken (a free one is proposed), or the file cannot be created. To resume: there is
-                no such recording, it is being recorded, or it cannot be written to.
+            BadFile: The name is taken (a free one is proposed), or the file cannot be created.
         """
         self.path = Path(path)
         """NAME.csv, the first part."""
         self.rejects_path = rejects_path(self.path)
         """NAME.rejects; it exists once there is something in it."""
-        if not resume:
-            check_free(self.path)
+        check_free(self.path)
         self._source, self._clock = source, clock.monotonic
-        self._started, self._wall, self._offset = clock.monotonic(), clock.wall(), 0.0
+        self._started, self._wall = clock.monotonic(), clock.wall()
         self._header = ""
         self._layout: Layout | None = None
         self._channels: Sequence[int] = ()
@@ -531,47 +394,19 @@ class Recorder:
         self._lock = threading.Lock()
         self._stop = threading.Event()
         self._closed = False
-        self._open(resume=resume)
+        self._csv = AppendFile(self.path)
+        self._parts = [self._csv]
+        self._rejects = AppendFile(self.rejects_path, preamble(source, self._wall, rejects=True))
+        try:
+            self._csv.create()
+        except (OSError, ValueError) as error:
+            reason = getattr(error, "strerror", None) or str(error)
+            raise BadFile(f"cannot write the recording {str(path)!r}: {reason}") from None
+        self._csv.note(preamble(source, self._wall))
         self._sync = threading.Thread(target=self._keep_synced, name="kalscope-sync", daemon=True)
         self._sync.start()
         sync_folder(self.path.parent)
         self.write([])
-
-    def _open(self, *, resume: bool) -> None:
-        """Open the file and queue its first comments."""
-        parts = existing_parts(self.path) if resume else [self.path]
-        has_rejects = resume and self.rejects_path.exists()
-        rejects_head = "" if has_rejects else preamble(self._source, self._wall, rejects=True)
-        self._part, self._csv = len(parts), AppendFile(parts[-1])
-        self._parts, self._rejects = [self._csv], AppendFile(self.rejects_path, rejects_head)
-        try:
-            self._csv.open(new=not resume)  # locked first: no other program appends while the tail is judged
-            if has_rejects:
-                repair(self.rejects_path)
-            if not resume or not self._resume(parts[-1]):
-                self._csv.note(preamble(self._source, self._wall))
-        except BadFile:
-            self._csv.close()
-            raise
-        except (OSError, ValueError) as error:
-            self._csv.close()
-            reason = getattr(error, "strerror", None) or str(error)
-            raise BadFile(f"cannot write the recording {str(parts[-1])!r}: {reason}") from None
-
-    def _resume(self, path: Path) -> bool:
-        """Repair a part, continue its host time and its columns; False where a crash left not even comments."""
-        self._csv.size -= repair(path)
-        wall, self._header, host = read_ends(path)
-        if wall is None:
-            return False
-        since = self._wall - wall - host
-        self._offset = host + max(since, 0.0)
-        length = f"{since:.3f} s" if since >= 0.0 else "of unknown length, the clock was set back"
-        self._csv.note(
-            f"# gap restart {length}\n# restarted: {iso_utc(self._wall)} (host time {self._offset:.6f}),"
-            f" source: {escaped(self._source)}\n"
-        )
-        return True
 
     def _keep_synced(self) -> None:
         """Sync the files to the disk.
@@ -660,16 +495,17 @@ class Recorder:
         self._layout, self._header, self._channels = layout, header, layout.channels
 
     def _next_part(self, header: str) -> None:
-        before = self._csv
-        names = ((n, part_path(self.path, n)) for n in numbers(self._part + 1))
-        self._part, path = next((n, name) for n, name in names if not os.path.lexists(name))
-        before.note(f"# continued in {escaped(path.name)}: the columns changed\n")
-        start = preamble(self._source, self._wall - self._offset) + continues_line(before.path)
-        self._csv = AppendFile(path, start + header)
+        before, path = self._csv, self.path
+        names = (path.with_name(f"{path.stem}-{n}{path.suffix}") for n in numbers(2))
+        new = next(name for name in names if not os.path.lexists(name))
+        before.note(f"# continued in {escaped(new.name)}: the columns changed\n")
+        self._csv = AppendFile(new)
         self._parts.append(self._csv)
+        continues = f"# continues {escaped(before.path.name)}, with the same host time\n"
+        self._csv.note(preamble(self._source, self._wall) + continues + header)
 
     def _take(self, at: float, event: LineEvent, layout: Layout | None) -> None:
-        host, issues = at - self._started + self._offset, event.issues
+        host, issues = at - self._started, event.issues
         if event.kind == "row" and layout is not None:
             if layout is not self._layout:  # with its first row: names of variables may come long before
                 self._use(layout)

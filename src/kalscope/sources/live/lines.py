@@ -125,17 +125,17 @@ class LiveLines:
                 self._skip, self._whole = True, False  # the board was reset inside this line
         parser.feed(received.data)
         while (line := parser.next_text()) is not None:
-            trusted = self._is_trusted(line)
+            torn = self._is_torn(line)
+            trusted = not torn and not (self._boot and _BOOT_TEXT.search(line))
             event = parser.read(line, trusted=trusted)
+            event = LineEvent(event.number, "blank", "") if torn else event  # counted, and no more
             yield self._counted(self._judged(event) if trusted else event)
         self._check_for_noise(received, self.counts.accepted - rows)
 
-    def _is_trusted(self, line: str) -> bool:
-        """Whether a line is used; the first one is whole only after a silence, and never becomes a sample."""
-        if self._skip:
-            whole, self._skip = self._whole, False
-            return is_comment(line) or (whole and _are_names(line))
-        return not (self._boot and _BOOT_TEXT.search(line))
+    def _is_torn(self, line: str) -> bool:
+        """Whether it is a first line: it is whole only after a silence, and never becomes a sample."""
+        first, self._skip = self._skip, False
+        return first and not (is_comment(line) or (self._whole and _are_names(line)))
 
     def _judged(self, event: LineEvent) -> LineEvent:
         """A line as it is read where it may show another program; while a board starts, damage is boot text."""

@@ -362,21 +362,20 @@ class LiveSource:
                 recording=recorder and RecordingStatus(recorder.paths[-1].name, recorder.counts, recorder.error),
             )
 
-    def record(self, path: str | os.PathLike[str], *, resume: bool = False) -> Recorder:
+    def record(self, path: str | os.PathLike[str]) -> Recorder:
         """Write every line from now on to a new file, raw, before it is shown.
 
         Args:
             path: The file.
-            resume: Continue an existing recording instead.
 
         Raises:
             BadSetting: a recording is active already.
-            BadFile: the file cannot be written, or exists already; to resume: it is not a recording.
+            BadFile: the file cannot be written, or exists already.
         """
         with self._recorder_lock:
             if self.recorder is not None:
                 raise BadSetting("a recording must be stopped before the next begins (got one that is running)")
-            self.recorder = Recorder(Path(path), self.spec.text, resume=resume, clock=self._clock)
+            self.recorder = Recorder(Path(path), self.spec.text, clock=self._clock)
             return self.recorder
 
     def stop_recording(self) -> None:
