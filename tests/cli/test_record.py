@@ -159,7 +159,7 @@ class Flood:
                 self.late += 1
 
 
-SMALL_QUEUE = "from kalscope.sources.port import reader as overload; overload.MAX_WAITING_BYTES = 2**18"
+SMALL_QUEUE = "from kalscope.sources.live import source; source.MAX_WAITING_BYTES = 2**18"
 
 
 def test_a_flood_is_recorded_as_far_as_possible_and_every_line_of_it_counted(tmp_path):

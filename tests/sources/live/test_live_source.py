@@ -169,7 +169,7 @@ def test_the_names_of_a_stream_that_begins_at_a_line_may_change_with_each_openin
 
 @pytest.mark.slow
 def test_what_the_other_side_keeps_is_never_dropped(monkeypatch, wait_for):
-    monkeypatch.setattr("kalscope.sources.port.reader.MAX_WAITING_BYTES", 10_000)
+    monkeypatch.setattr("kalscope.sources.live.source.MAX_WAITING_BYTES", 10_000)
     monkeypatch.setattr("kalscope.sources.port.reader._KEPT_BYTES", 5_000)
     port = ScriptedPort([lines(i, i + 100) for i in range(0, 10_000, 100)], "at a line", keeps=True)
     source = LiveSource("x", reader=PortReader(PortSpec("x"), opener=scripted(port)))

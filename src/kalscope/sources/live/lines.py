@@ -36,6 +36,7 @@ _MIN_BYTES_JUDGED = 16
 
 _ODD = bytes(set(range(256)) - set(range(32, 127)) - set(b"\t\r\n"))
 _NUMBER_MARKS = "0123456789+-.eE,;|[]() \t"
+_LINE_END = re.compile(rb"\r\n?|\n")
 _CELL_END = re.compile(r"[,;|\s]+")
 # What the ROM of an ESP chip prints before any program runs; some of it reads as name:value pairs.
 _BOOT_TEXT = re.compile(r"0x[0-9A-Fa-f]{2}|^ets [A-Z][a-z]{2} |^mode:[A-Z]+, clock div:")
@@ -69,6 +70,7 @@ class LiveLines:
         # No board prints a decimal comma; below a remark such as "Ready", 512,300 would look like one.
         self._parser = LineParser(replace(options, decimal=options.decimal or "."))
         self._may_prime = False  # the next bytes are the first of whole lines
+        self._last = b""  # byte
         self._skip = self._whole = False  # the next line may be half of one; it was sent after a silence
         self._opened = -math.inf
         self._boot = False
@@ -98,18 +100,22 @@ class LiveLines:
 
     def interrupted(self) -> int:
         """The end of the line that was being received will not come: 1 if there is one, which is dropped."""
-        torn = int(self._parser.restart())
+        torn, self._last = int(self._parser.restart()), b""
         self.counts.received += torn
         self.counts.dropped += torn
         return torn
 
-    def overrun(self, count: int, last: bytes) -> None:
-        """So many lines were left out, including the one being received; `last` is the last byte of them."""
-        self._parser.restart(last)
-        self._skip, self._whole = last not in (b"\n", b"\r"), False
+    def overrun(self, data: bytes) -> int:
+        """These bytes were left out: how many lines end in them, the one that was being received included."""
+        cr = b"\r" if self._last == b"\r" else b""  # an LF after it ends no other line
+        count = len(_LINE_END.findall(cr + data)) - len(cr)
+        self._last = data[-1:]
+        self._parser.restart(self._last)
+        self._skip, self._whole = self._last not in (b"\n", b"\r"), False
         self.counts.received += count
         self.counts.dropped += count
         self.counts.overrun += count
+        return count
 
     def feed(self, received: BytesReceived) -> Iterator[LineEvent]:
         """The lines that are complete. Take them all before the next bytes."""
@@ -124,6 +130,7 @@ class LiveLines:
             elif self._boot:
                 self._skip, self._whole = True, False  # the board was reset inside this line
         parser.feed(received.data)
+        self._last = received.data[-1:]
         while (line := parser.next_text()) is not None:
             torn = self._is_torn(line)
             trusted = not torn and not (self._boot and _BOOT_TEXT.search(line))

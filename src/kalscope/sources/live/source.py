@@ -29,7 +29,7 @@ from kalscope.errors import BadDevice, BadSetting
 from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
 from kalscope.sources.live.lines import LineCounts, LiveLines
 from kalscope.sources.live.samples import LiveSamples, Snapshot
-from kalscope.sources.port.reader import BytesReceived, Item, LinesDropped, Opened, PortReader, Word
+from kalscope.sources.port.reader import BytesReceived, Item, Opened, PortReader, Word
 from kalscope.sources.port.registry import PortSpec, port_of
 from kalscope.sources.reading.line_reader import LineEvent
 from kalscope.sources.recorder import Recorder, RecorderCounts, StampedLine
@@ -237,6 +237,8 @@ class LineRate:
 # The source.
 
 
+MAX_WAITING_BYTES = 1 << 20
+"""Bytes that may wait to be parsed: 91 s of a port at 115200 baud. Beyond that lines are left out."""
 TICK = 0.1
 """Seconds without a line after which the second thread updates the recorder and the rate."""
 MAX_CLOSE_S = 0.5
@@ -412,24 +414,19 @@ class LiveSource:
                 if is_over:
                     return
                 continue
-            if is_late and isinstance(item, BytesReceived):
-                item = self._reader.left_out(item)  # there is no time for what still waits
             try:
-                self._handle(item)
+                self._handle(item, is_late=is_late)
             except Exception as error:  # the thread must go on: without it nothing would be read, nor said
                 self._failure = f"an error of Kalscope left lines out ({type(error).__name__}: {error})"
             with self._lock:
                 self._counts = replace(self._lines.counts)
 
-    def _handle(self, item: Item) -> None:
-        if isinstance(item, BytesReceived):
+    def _handle(self, item: Item, *, is_late: bool = False) -> None:
+        if isinstance(item, BytesReceived) and (is_late or self._reader.waiting > MAX_WAITING_BYTES):
+            self._leave_out(item, 0 if is_late else MAX_WAITING_BYTES // 2)
+        elif isinstance(item, BytesReceived):
             self._reader.taken += len(item.data)
             self._take(item)
-        elif isinstance(item, LinesDropped):
-            with self._lock:
-                self._lines.overrun(item.count, item.last)
-                self._samples.time.interrupt()
-            self._note_loss(item.count, "overrun", item.end - item.begin)
         elif isinstance(item, Opened):
             self._on_opened(item)
         else:
@@ -437,6 +434,20 @@ class LiveSource:
             self.commands.on_disconnected()
             if not self._samples.kept:  # else the rest of the line may follow
                 self._interrupt()
+
+    def _leave_out(self, item: BytesReceived, most: int) -> None:
+        """Leave out lines until at most so many bytes wait: one gap, not a hundred."""
+        begin, end, data, following = item.begin, item.end, bytearray(), item
+        while isinstance(following, BytesReceived):
+            end, data = following.end, data + following.data
+            self._reader.taken += len(following.data)
+            following = self._reader.items.get() if self._reader.waiting > most else None
+        with self._lock:
+            count = self._lines.overrun(bytes(data))
+            self._samples.time.interrupt()
+        self._note_loss(count, "overrun", end - begin)
+        if following is not None:
+            self._handle(following)
 
     def _on_opened(self, event: Opened) -> None:
         self._line_at, lost_at, self._disconnected_at = event.at, self._disconnected_at, None
