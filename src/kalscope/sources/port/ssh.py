@@ -81,7 +81,7 @@ ControlMaster=no ClearAllForwardings=yes ForwardAgent=no ForwardX11=no PermitLoc
 """  # ControlMaster would outlive this program; one that runs already is used
 OPTIONS = ("-T", "-enone", *(f"-o{setting}" for setting in _SETTINGS.split()))
 _ALIVE_EVERY = 3.0
-"""Seconds between two keep-alive lines; far_side.MAX_SILENCE is five times as long."""
+"""Seconds between two keep-alive bytes; far_side.MAX_SILENCE is five times as long."""
 _MAX_GREETING = 1 << 16
 """Bytes that a login shell may print before the first answer."""
 _MAX_WAITING = 64
@@ -219,7 +219,7 @@ class SshPort(OpenPort):
         now = time.monotonic()
         if now - self._alive_at > _ALIVE_EVERY:
             self._alive_at = now
-            self._send(b"\n")
+            self._send(b"\0")
         data, self._unread = self._unread, b""
         if not data:
             try:
@@ -243,7 +243,7 @@ class SshPort(OpenPort):
         """Send to the board."""
         if self.keeps:
             super().write(data)
-        self._send(data.hex().encode("ascii") + b"\n")
+        self._send(data)
 
     def close(self) -> None:
         """End ssh and what it runs on the other machine, which ends with its standard input."""
