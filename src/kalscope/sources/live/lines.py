@@ -25,11 +25,6 @@ _SILENCE = 0.3
 """Seconds without a byte after which a new line begins: a line is sent in one go."""
 _MAX_REJECTED_RUN = 32
 """Successive rejected lines after which the board is assumed to run another program."""
-_UNKNOWN_RUN = 8
-"""Lines of unknown layout that are sniffed together."""
-MAX_UNKNOWN_LINES = 32
-"""Most lines between two such attempts, and so the most that a board may send after noise before it is read: the
-first attempts follow each run, and each that finds nothing doubles the lines until the next."""
 _WINDOW = 2.0
 _ODD_SHARE = 0.25
 _MIN_BYTES_JUDGED = 16
@@ -77,7 +72,6 @@ class LiveLines:
         self._fresh = False  # no sample since the opening
         self._recent: deque[str] = deque(maxlen=_MAX_REJECTED_RUN)
         self._names = ""
-        self._patience = _UNKNOWN_RUN
         self._window = (0.0, 0, 0)
 
     @property
@@ -96,7 +90,6 @@ class LiveLines:
         self._may_prime, self._fresh = not inside, True
         self._opened = at if inside else -math.inf
         self._window, self.wrong_baud = (at, 0, 0), False
-        self._patience = _UNKNOWN_RUN
 
     def interrupted(self) -> int:
         """The end of the line that was being received will not come: 1 if there is one, which is dropped."""
@@ -186,13 +179,10 @@ class LiveLines:
             self._recent.clear()
             return None
         self._recent.append(text)
-        patience = _MAX_REJECTED_RUN if self.layout else self._patience
-        full = len(self._recent) >= patience
+        full = len(self._recent) == _MAX_REJECTED_RUN
         if not (names or full):
             return None
         head = [names, text] if names else list(self._recent)
-        if full and self.layout is None:
-            head, self._patience = head[-_UNKNOWN_RUN:], min(2 * patience, MAX_UNKNOWN_LINES)
         self._recent.clear()
         return self._parser.adopt_layout(head, named=fits)
 
