@@ -25,7 +25,7 @@ from kalscope.common.stopping import message_at_stop, stop_signals
 from kalscope.common.text import escaped, number, one_line, plain
 from kalscope.errors import BadDevice, BadSetting, Cancelled
 from kalscope.recording import Recording
-from kalscope.sources.port.registry import address_examples
+from kalscope.sources.port.registry import ADDRESS_EXAMPLES
 from kalscope.sources.port.serial_port import PortInfo, list_ports
 
 if TYPE_CHECKING:
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from kalscope.sources.live.source import LiveSource, LiveStatus
     from kalscope.sources.recorder import Recorder
 
-Port = Annotated[str, typer.Argument(metavar="PORT", help=f"{address_examples()}; default 115200 baud.")]
+Port = Annotated[str, typer.Argument(metavar="PORT", help=f"{ADDRESS_EXAMPLES}; default 115200 baud.")]
 NoReset = Annotated[
     bool, typer.Option("--no-reset", help="Keep DTR and RTS low, so that an Arduino does not restart.")
 ]

@@ -183,18 +183,14 @@ def _harmless(name: str) -> str:
 
 # A file that only grows, by whole lines, whatever the disk does.
 #
-# A full disk cuts a write short, inside a number; the file is then cut back to where it was, and what was to be
-# written waits in memory until there is space.
+# A full disk cuts a write short, inside a number; the file is then cut back to where it was, and the lines of that
+# write, and those that come until there is space, are counted as lost.
 
 
 SYNC_EVERY_S = 1.0
 """Pause between two requests that the disk keep what it has, s."""
 RETRY_S = 1.0
 """Pause between two attempts to write to a disk that refuses, s."""
-MAX_WAIT_BYTES = 32_000_000
-"""Memory that lines may take while they wait for such a disk; later ones are lost, and counted: 1,000 lines/s of 20
-bytes wait for 6 minutes."""
-_OVERHEAD = 60  # bytes of memory that each text takes besides
 
 _FULL = (errno.ENOSPC, errno.EFBIG, getattr(errno, "EDQUOT", errno.ENOSPC))
 _fdatasync = getattr(os, "fdatasync", os.fsync)
@@ -209,19 +205,15 @@ class AppendFile:
         self.error = ""
         """What keeps lines from reaching the file; "" while they do."""
         self._damage = self._sync_error = ""
-        self.waiting = 0
-        """Lines of the board in memory that have not reached the file."""
         self.lines = 0
         """Lines of the board that are in the file."""
         self.lost = 0
-        """Lines of the board for which there was no memory left."""
+        """Lines of the board that the disk refused."""
         self._fd: int | None = None
         self._fd_lock = threading.Lock()
         self.size = 0
         """Bytes of the file, without what other programs do to it."""
-        self._bytes = 0  # of what waits
-        self._dirty = False
-        self._texts: list[bytes] = []
+        self._notes, self._texts, self._put = "", list[str](), 0  # what the next write holds, and its lines
         self._failed = (0.0, 0)  # when the error began, and the lines lost before
 
     @property
@@ -240,41 +232,39 @@ class AppendFile:
         return self._fd
 
     def put(self, text: str, lines: int = 0) -> None:
-        """Queue the text of so many lines of the board for the next flush; it is lost if too much waits already."""
-        if self._bytes > MAX_WAIT_BYTES:  # until all that waits is written: one gap, not a hundred
-            self.lost += lines
-        else:
-            self.note(text, lines)
+        """Queue the text of so many lines of the board for the next flush."""
+        self._texts.append(text)
+        self._put += lines
 
-    def note(self, text: str, lines: int = 0) -> None:
-        """Queue a text, even while lines are being lost."""
-        data = (self._head + text).encode("utf-8", "backslashreplace")
-        self._head = ""
-        self._texts.append(data)
-        self.waiting += lines
-        self._bytes += len(data) + _OVERHEAD
+    def note(self, text: str) -> None:
+        """Queue comments or a header, which come before the lines and wait for a disk that refuses."""
+        self._notes += text
 
     def flush(self, now: float, *, at_once: bool = False) -> None:
-        """Write what waits; never raises disk errors.
+        """Write what was queued; never raises disk errors.
 
         Args:
             now: Monotonic time, s: a disk that refused is tried again after RETRY_S.
             at_once: Do not wait for that.
         """
         self._check()
-        if not self._texts or (self.error and now < self._retry_at and not at_once):
+        texts, lines, (since, lost) = "".join(self._texts), self._put, self._failed
+        self._texts, self._put = [], 0
+        if self.error and now < self._retry_at and not at_once:
+            self.lost += lines
             return
+        kind = self.error.partition(" (")[0]
+        gap = f"# gap {kind} {now - since:.3f} s ({self.lost - lost} lines dropped)\n" if kind else ""
         try:
-            self._write()
-            if self.error:
-                kind, (since, lost) = self.error.partition(" (")[0], self._failed
-                self.note(f"# gap {kind} {now - since:.3f} s ({self.lost - lost} lines dropped)\n")
-                self._write()
-            self.error = ""
+            if text := self._notes + gap + texts:
+                self._write((self._head + text).encode("utf-8", "backslashreplace"))
+                self._head = self._notes = self.error = ""
+            self.lines += lines
         except OSError as error:
             kind = "disk full" if error.errno in _FULL else "write error"
             self._failed = self._failed if self.error else (now, self.lost)
-            self.error = f"{kind} ({error.strerror}): lines for {self.path.name} wait in memory"
+            self.error = f"{kind} ({error.strerror}): lines for {self.path.name} are lost"
+            self.lost += lines
             self._retry_at = now + RETRY_S
 
     def _check(self) -> None:
@@ -283,23 +273,20 @@ class AppendFile:
         if status and (not status.st_nlink or status.st_size < self.size):
             self._damage = f"{self.path.name} was deleted or cut short by another program: record to a new file"
 
-    def _write(self) -> None:
-        """Write all that waits; where that raises OSError, nothing of it."""
+    def _write(self, data: bytes) -> None:
+        """Write all of it; where that raises OSError, nothing."""
         fd = self.create() if self._fd is None else self._fd
-        data = b"".join(self._texts)
         end, rest = self.size + len(data), memoryview(data)
         try:
             if self.error:
                 self._cut_back(fd)
-            self._dirty = True
             while rest:
                 rest = rest[os.write(fd, rest) :]
         except OSError:
             with suppress(OSError):  # tried again before the next write
                 self._cut_back(fd)
             raise
-        self.lines, self.waiting = self.lines + self.waiting, 0
-        self._texts, self._bytes, self.size = [], 0, end
+        self.size = end
 
     def _cut_back(self, fd: int) -> None:
         """Cut off what a refused write left after the last whole line."""
@@ -309,19 +296,15 @@ class AppendFile:
     def sync(self) -> None:
         """Sync the file to the disk; from any thread."""
         with self._fd_lock:
-            if self._fd is None or not self._dirty:
-                return
-            self._dirty = False
-            try:
-                _fdatasync(self._fd)
-                self._sync_error = ""
-            except OSError as error:
-                self._dirty = True  # sync once more
-                self._sync_error = f"the disk did not confirm what was written ({error.strerror})"
+            if self._fd is not None:
+                try:
+                    _fdatasync(self._fd)
+                    self._sync_error = ""
+                except OSError as error:
+                    self._sync_error = f"the disk did not confirm what was written ({error.strerror})"
 
     def close(self) -> None:
-        """Close the file once the disk has it; what still waits is lost. Safe to call twice."""
-        self.lost, self.waiting = self.lost + self.waiting, 0
+        """Close the file once the disk has it. Safe to call twice."""
         self.sync()
         with self._fd_lock:
             if self._fd is not None:
@@ -331,9 +314,6 @@ class AppendFile:
 
 
 # The recorder.
-
-
-_WHAT = {"comment": "a comment", "header": "a header", "text": "text, not data"}
 
 
 @dataclass
@@ -347,11 +327,9 @@ class RecorderCounts:
     rejected: int = 0
     """Lines that are in NAME.rejects because they are not rows."""
     dropped: int = 0
-    """Lines that are in neither: lost before they reached the recorder, or while the disk was full for too long."""
+    """Lines that are in neither: lost before they reached the recorder, or while the disk was full."""
     unwritable: int = 0
-    """Of the dropped lines, those that the disk refused for too long."""
-    waiting: int = 0
-    """Lines in memory, because the disk refuses them; they count as received once written or dropped."""
+    """Of the dropped lines, those that the disk refused."""
     other: int = 0
     """Blank lines, comments, headers and text such as a boot message; the text is in NAME.rejects."""
 
@@ -389,7 +367,6 @@ class Recorder:
         self._started, self._wall = clock.monotonic(), clock.wall()
         self._header = ""
         self._layout: Layout | None = None
-        self._channels: Sequence[int] = ()
         self._dropped = self._other = 0
         self._lock = threading.Lock()
         self._stop = threading.Event()
@@ -421,12 +398,11 @@ class Recorder:
     @property
     def counts(self) -> RecorderCounts:
         """The account up to now."""
-        files, rejected = self._files(), self._rejects.lines
-        written, waiting = sum(part.lines for part in self._parts), sum(file.waiting for file in files)
-        unwritable = sum(file.lost for file in files)
+        written, rejected = sum(part.lines for part in self._parts), self._rejects.lines
+        unwritable = sum(file.lost for file in self._files())
         dropped = self._dropped + unwritable
         received = written + rejected + dropped
-        return RecorderCounts(received, written, rejected, dropped, unwritable, waiting, self._other)
+        return RecorderCounts(received, written, rejected, dropped, unwritable, self._other)
 
     @property
     def error(self) -> str:
@@ -463,7 +439,7 @@ class Recorder:
             if not self._closed:
                 self._dropped += lines
                 if kind:
-                    self._csv.put(f"# gap {escaped(kind)} {seconds:.3f} s\n")
+                    self._csv.note(f"# gap {escaped(kind)} {seconds:.3f} s\n")
                     self._flush()
 
     def close(self) -> RecorderCounts:
@@ -492,9 +468,10 @@ class Recorder:
             self._csv.note(header)
         elif header != self._header:
             self._next_part(header)
-        self._layout, self._header, self._channels = layout, header, layout.channels
+        self._layout, self._header = layout, header
 
     def _next_part(self, header: str) -> None:
+        self._flush()  # what follows comes after these lines
         before, path = self._csv, self.path
         names = (path.with_name(f"{path.stem}-{n}{path.suffix}") for n in numbers(2))
         new = next(name for name in names if not os.path.lexists(name))
@@ -509,12 +486,12 @@ class Recorder:
         if event.kind == "row" and layout is not None:
             if layout is not self._layout:  # with its first row: names of variables may come long before
                 self._use(layout)
-            rows = (row_line(layout.time, self._channels, host, row) for row in event.rows)
+            rows = (row_line(layout.time, layout.channels, host, row) for row in event.rows)
             self._csv.put("".join(rows), 1)
         elif event.kind != "rejected":
             self._other += 1
-            what = _WHAT.get(event.kind)
-            issues = (LineIssue(event.number, f"is {what}", event.text),) if what else ()
+            if event.kind != "blank":
+                issues = (LineIssue(event.number, f"{event.kind}, not data", event.text),)
         if issues or event.kind == "rejected":  # those of single cells, too: the row has empty cells there
             lines = rejects_lines(host, event.number, event.text, issues)
             self._rejects.put(lines, int(event.kind == "rejected"))

@@ -24,7 +24,7 @@ from typing import Self
 
 import numpy as np
 
-from kalscope.common.text import count, duration
+from kalscope.common.text import count
 from kalscope.errors import BadDevice, BadSetting
 from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
 from kalscope.sources.live.lines import LineCounts, LiveLines
@@ -150,7 +150,7 @@ class CommandChannel:
 _RATE_OVER = 1.0
 """Seconds over which the lines per second are averaged at least, and half of those at most."""
 _SILENT_AFTER = 5.0
-"""Seconds after which a source that should send is reported as silent, and the step of that time."""
+"""Seconds after which a source that should send is reported as silent."""
 _MIN_LINES_JUDGED = 20
 """Lines among which one with numbers is expected."""
 
@@ -206,8 +206,7 @@ def hint_of(reader: PortReader, counts: LineCounts, *, noise: bool) -> str:
     if state.reason:
         return state.reason
     if check and seconds >= _SILENT_AFTER:
-        steps = int(seconds // _SILENT_AFTER)  # a running number distracts
-        return f"nothing has arrived for {duration(steps * _SILENT_AFTER)}: {check}"
+        return f"nothing has arrived for more than {_SILENT_AFTER:g} s: {check}"
     if noise:
         cause = f": is {reader.spec.baud} the right baud rate?" if reader.spec.transport.has_baud else ""
         return f"the data is not text{cause}"
@@ -291,7 +290,6 @@ class LiveSource:
         self._failure = ""
         self._disconnected_at: float | None = None
         self._line_at = -math.inf  # when the last whole line had arrived: a read may hold only part of one
-        self._recorder_lock = threading.Lock()  # lines wait while one is begun
         self.commands = CommandChannel(self._reader.write)
         """What is sent to the board, and its remarks."""
 
@@ -374,11 +372,10 @@ class LiveSource:
             BadSetting: a recording is active already.
             BadFile: the file cannot be written, or exists already.
         """
-        with self._recorder_lock:
-            if self.recorder is not None:
-                raise BadSetting("a recording must be stopped before the next begins (got one that is running)")
-            self.recorder = Recorder(Path(path), self.spec.text, clock=self._clock)
-            return self.recorder
+        if self.recorder is not None:
+            raise BadSetting("a recording must be stopped before the next begins (got one that is running)")
+        self.recorder = Recorder(Path(path), self.spec.text, clock=self._clock)
+        return self.recorder
 
     def stop_recording(self) -> None:
         """End the recording and close its file; does nothing if none is active."""
@@ -486,11 +483,9 @@ class LiveSource:
             self._counts = replace(self._lines.counts)
 
     def _write(self, stamped: list[StampedLine]) -> None:
-        with self._recorder_lock:
-            if self.recorder is not None:
-                self.recorder.write(stamped)
+        if recorder := self.recorder:
+            recorder.write(stamped)
 
     def _note_loss(self, lines: int, kind: str = "", seconds: float = 0.0) -> None:
-        with self._recorder_lock:
-            if self.recorder is not None:
-                self.recorder.lose(lines, kind, seconds)
+        if recorder := self.recorder:
+            recorder.lose(lines, kind, seconds)

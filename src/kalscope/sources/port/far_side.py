@@ -1,12 +1,13 @@
 """Follows a file that grows; on the other machine of an ssh:// address it opens a serial port, too.
 
 `ssh.py` sends this text to a Python that the machine has: it imports nothing of Kalscope and keeps to Python 3.7.
-Standard input is a line of JSON that names what to open; then what is to be sent to the board, with a zero byte now
-and then that shows that the reader is there. Standard output is MARK, the position in the file, or DEVICE, on a line,
-and then the bytes as they arrive. Standard error says why nothing was opened.
+Standard input is a line of JSON that names what to open; then what is to be sent to the board, with a zero byte
+now and then that shows that the reader is there. Standard output is MARK, the position in the file, or DEVICE, on a
+line, and then the bytes as they arrive. Standard error says why nothing was opened.
 
-Python rather than stty and cat: it locks the port, knows its place in a file, and ends when nothing was received for
-MAX_SILENCE. A cat would hold the port after the network has gone, and take half of the bytes from the next reader.
+Python rather than stty and cat: it locks the port, knows its place in a file, and ends when nothing was received
+for MAX_SILENCE. A cat would hold the port after the network has gone, and take half of the bytes from the next
+reader.
 """
 
 from __future__ import annotations

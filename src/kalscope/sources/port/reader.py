@@ -214,8 +214,8 @@ Item = BytesReceived | Opened | Disconnected
 MIN_RETRY_DELAY, MAX_RETRY_DELAY = 0.25, 2.0
 """Seconds between two attempts to reopen the port: the delay doubles from the first to the second."""
 _KEPT_BYTES, _MOST_BYTES, _PAUSE = 1 << 17, 1 << 23, 0.01
-"""Bytes that wait for the consumer where the other side can keep the rest, and elsewhere (12 minutes of 115200 baud),
-and seconds until the port is read again."""
+"""Bytes that may wait for the consumer where the other side keeps the rest, and elsewhere (12 minutes of 115200
+baud), and seconds until the port is read again."""
 
 
 class PortReader:
