@@ -72,12 +72,6 @@ def check_free(path: Path) -> None:
 # through our own reader, a spreadsheet and pandas (`comment="#"`), whatever the board calls its channels.
 
 
-MAGIC = "# kalscope recording "
-"""What a recording begins with; the version follows."""
-REJECTS_MAGIC = "# kalscope rejects "
-"""What the file of rejected lines begins with."""
-STARTED = "# started: "
-"""Before the wall clock's time at host time 0."""
 HOST_TIME = "host time [s]"
 """Header of the first column."""
 DEVICE_TIME = "device time"
@@ -96,21 +90,17 @@ def preamble(source: str, wall: float, *, rejects: bool = False) -> str:
         wall: Unix time at host time 0, s.
         rejects: True for the file of rejected lines.
     """
+    started = datetime.fromtimestamp(wall, UTC).isoformat(timespec="microseconds").replace("+00:00", "Z")
     lines = [
-        f"{REJECTS_MAGIC if rejects else MAGIC}{program().rpartition(' ')[2]}",
+        f"# kalscope {'rejects' if rejects else 'recording'} {program().rpartition(' ')[2]}",
         f"# source: {escaped(source)}",
-        f"{STARTED}{iso_utc(wall)}",
+        f"# started: {started}",
         "# host time: s since the start, by this computer's monotonic clock; the rest as the board sent it",
     ]
     if rejects:
         lines.append("# text: a line as received, cut at 200 characters, with \\ before what cannot be printed")
         lines.append(f"{HOST_TIME},line,column,reason,text")
     return "\n".join(lines) + "\n"
-
-
-def iso_utc(unix: float) -> str:
-    """Unix time as ISO 8601 in UTC, with microseconds."""
-    return datetime.fromtimestamp(unix, UTC).isoformat(timespec="microseconds").replace("+00:00", "Z")
 
 
 def header_line(layout: Layout) -> str:
@@ -214,7 +204,7 @@ class AppendFile:
         self.size = 0
         """Bytes of the file, without what other programs do to it."""
         self._notes, self._texts, self._put = "", list[str](), 0  # what the next write holds, and its lines
-        self._failed = (0.0, 0)  # when the error began, and the lines lost before
+        self._failed: tuple[float, int] = (0.0, 0)  # when the error began, and the lines lost before
 
     @property
     def problem(self) -> str:
@@ -450,11 +440,9 @@ class Recorder:
                 self._flush(at_once=True)
                 self._stop.set()
                 self._sync.join()
-                for file in (*self._parts[:-1], self._rejects):
-                    file.close()
-                if not self._csv.error:
-                    self._csv.note(f"# end: {self.counts}\n")
-                    self._csv.flush(self._clock(), at_once=True)
+                self._rejects.close()
+                self._csv.note(f"# end: {self.counts}\n")
+                self._csv.flush(self._clock(), at_once=True)
                 self._csv.close()
             return self.counts
 
@@ -471,11 +459,12 @@ class Recorder:
         self._layout, self._header = layout, header
 
     def _next_part(self, header: str) -> None:
-        self._flush()  # what follows comes after these lines
         before, path = self._csv, self.path
         names = (path.with_name(f"{path.stem}-{n}{path.suffix}") for n in numbers(2))
         new = next(name for name in names if not os.path.lexists(name))
-        before.note(f"# continued in {escaped(new.name)}: the columns changed\n")
+        before.put(f"# continued in {escaped(new.name)}: the columns changed\n")
+        before.flush(self._clock(), at_once=True)
+        before.close()
         self._csv = AppendFile(new)
         self._parts.append(self._csv)
         continues = f"# continues {escaped(before.path.name)}, with the same host time\n"
@@ -498,8 +487,5 @@ class Recorder:
 
     def _flush(self, *, at_once: bool = False) -> None:
         now = self._clock()
-        for file in self._files():
+        for file in (self._csv, self._rejects):
             file.flush(now, at_once=at_once)
-        for part in self._parts[:-1]:
-            if not part.error:  # nothing waits
-                part.close()

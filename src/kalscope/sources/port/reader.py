@@ -211,8 +211,8 @@ Item = BytesReceived | Opened | Disconnected
 # The thread.
 
 
-MIN_RETRY_DELAY, MAX_RETRY_DELAY = 0.25, 2.0
-"""Seconds between two attempts to reopen the port: the delay doubles from the first to the second."""
+RETRY_DELAY = 1.0
+"""Seconds between two attempts to reopen the port."""
 _KEPT_BYTES, _MOST_BYTES, _PAUSE = 1 << 17, 1 << 23, 0.01
 """Bytes that may wait for the consumer where the other side keeps the rest, and elsewhere (12 minutes of 115200
 baud), and seconds until the port is read again."""
@@ -305,12 +305,11 @@ class PortReader:
         return self._queued - self.taken
 
     def _run(self, port: OpenPort | None, stop: threading.Event) -> None:
-        delay, waits = MIN_RETRY_DELAY, port is not None or not stop.is_set()
+        waits = port is not None or not stop.is_set()
         while waits:
             reason = ""
             try:
                 port = port or self._opened(stop)
-                delay = MIN_RETRY_DELAY
                 self._read(port, stop)
             except BadDevice as error:
                 reason = "" if stop.is_set() else str(error)
@@ -321,9 +320,7 @@ class PortReader:
                 # After the state has changed, so that the consumer finds there why the board is gone.
                 self.items.put(Disconnected(self.clock.monotonic()))
                 port = None
-            if waits:
-                stop.wait(delay)
-                waits, delay = not stop.is_set(), min(2 * delay, MAX_RETRY_DELAY)
+            waits = waits and not stop.wait(RETRY_DELAY)
 
     def _opened(self, stop: threading.Event) -> OpenPort:
         """Open the port and queue the event."""

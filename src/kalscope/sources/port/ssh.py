@@ -37,7 +37,7 @@ FILE_PREFIX = "file:"
 """How the address of a file that is followed begins."""
 
 
-class FilePort(OpenPort):
+class FilePort(GrowingFile, OpenPort):
     """A file that is read as it grows. It continues where the last one ended, or at its beginning if replaced."""
 
     prefixes = (FILE_PREFIX,)
@@ -47,8 +47,8 @@ class FilePort(OpenPort):
         """Open the file; see OpenPort."""
         del is_ended  # a file opens at once
         self.device = spec.url[len(FILE_PREFIX) :]
-        self.file = GrowingFile(self.device, last.file.place if isinstance(last, FilePort) else (0, b""))
-        self.starts = "where it stopped" if self.file.place[0] else "at a line"
+        super().__init__(self.device, last.place if isinstance(last, FilePort) else (0, b""))
+        self.starts = "where it stopped" if self.place[0] else "at a line"
 
     @staticmethod
     def check(address: str) -> object:
@@ -58,14 +58,10 @@ class FilePort(OpenPort):
 
     def fetch(self) -> bytes:
         """Bytes that were added; see OpenPort."""
-        data = self.file.read()
+        data = self.read()
         if not data:
             time.sleep(READ_TIMEOUT)
         return data
-
-    def close(self) -> None:
-        """Close the file."""
-        self.file.close()
 
 
 # ssh://host/path.
