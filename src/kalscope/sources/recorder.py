@@ -139,8 +139,6 @@ def rejects_lines(host: float, number: int, text: str, issues: Iterable[LineIssu
 
 def escaped(text: str) -> str:
     r"""Printable text on one line: `\n`, `\x00`, `\\`."""
-    if text.isprintable() and "\\" not in text:
-        return text
     return "".join(c if c.isprintable() and c != "\\" else c.encode("unicode_escape").decode() for c in text)
 
 
@@ -197,7 +195,7 @@ class AppendFile:
         self._damage = self._sync_error = ""
         self.lines = 0
         """Lines of the board that are in the file."""
-        self.lost = 0
+        self.lost: int = 0
         """Lines of the board that the disk refused."""
         self._fd: int | None = None
         self._fd_lock = threading.Lock()

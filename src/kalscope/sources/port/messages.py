@@ -198,6 +198,17 @@ def mqtt_parts(address: str) -> re.Match[str]:
     return match
 
 
+class _TlsSocket(ssl.SSLSocket):
+    """A connection that closes where its handshake fails: paho would leave it open."""
+
+    def do_handshake(self, block: bool = False) -> None:
+        try:
+            super().do_handshake(block)
+        except OSError:
+            self.close()
+            raise
+
+
 class MqttPort(MessagePort):
     """A subscription."""
 
@@ -223,7 +234,9 @@ class MqttPort(MessagePort):
         if match[2]:
             self._client.username_pw_set(unquote(match[2]), os.environ.get(MQTT_PASSWORD))
         if tls:  # trusts what this system trusts, or the file that SSL_CERT_FILE names
-            self._client.tls_set_context(ssl.create_default_context())
+            context = ssl.create_default_context()
+            context.sslsocket_class = _TlsSocket
+            self._client.tls_set_context(context)
         try:
             self._connect(port, is_ended)
         except BaseException:

@@ -37,7 +37,7 @@ def transport_of(text: str) -> type[OpenPort]:
 
 
 ADDRESS_EXAMPLES = (
-    '"/dev/ttyACM0 or COM3@9600", "rfc2217://host:port", "ssh://host/dev/ttyACM0@115200", "tcp://host:port",'
+    '"/dev/ttyACM0 or COM3@9600", "ssh://host/dev/ttyACM0@115200", "tcp://host:port",'
     ' "udp://:47269", "mqtt://broker/topic", "file:log.csv"'
 )
 """Addresses of all kinds that users type, for help texts."""
@@ -82,7 +82,7 @@ class PortSpec:
     @property
     def text(self) -> str:
         """What `port_of` reads back: "serial:PORT@BAUD", or the address."""
-        if "://" not in self.url and self.transport is SerialPort:
+        if self.transport is SerialPort:
             return f"{_SERIAL}{self.url}@{self.baud}"
         return self.url if self.baud == DEFAULT_BAUD else f"{self.url}@{self.baud}"
 
@@ -98,7 +98,7 @@ def port_of(text: str, *, default_baud: str = str(DEFAULT_BAUD), reset: bool = T
 
     Args:
         text: "serial:PORT@BAUD", "serial:PORT", "PORT@BAUD", "PORT" (115200 baud), "tcp://host:port",
-            "rfc2217://host:port", "rfc2217://host:port@BAUD".
+            "ssh://host/path@BAUD".
         default_baud: The baud rate where the address names none.
         reset: See PortSpec.
 

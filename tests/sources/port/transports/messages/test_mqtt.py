@@ -162,7 +162,6 @@ def test_a_server_that_stays_silent_is_given_up_at_once_where_nobody_waits():
             MqttPort(port_of(f"mqtt://127.0.0.1:{mute.getsockname()[1]}/t"), lambda: next(asked), None)
 
 
-@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")  # paho leaves a failed TLS to Python
 def test_what_is_no_broker(open_broker):
     assert "cannot be opened (Connection refused)" in refusal(f"mqtt://127.0.0.1:{free_port()}/t")
     assert "no.such.host.invalid/t cannot be opened (" in refusal("mqtt://no.such.host.invalid/t")
