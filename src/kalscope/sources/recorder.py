@@ -358,7 +358,6 @@ class Recorder:
         self._dropped = self._other = 0
         self._lock = threading.Lock()
         self._stop = threading.Event()
-        self._closed = False
         self._csv = AppendFile(self.path)
         self._parts = [self._csv]
         self._rejects = AppendFile(self.rejects_path, preamble(source, self._wall, rejects=True))
@@ -410,7 +409,7 @@ class Recorder:
     def write(self, stamped: Sequence[StampedLine]) -> None:
         """Write lines, in order of time; called often, also without lines, and never raises disk errors."""
         with self._lock:
-            if not self._closed:
+            if not self._stop.is_set():
                 for line in stamped:
                     self._take(*line)
                 self._flush()
@@ -424,7 +423,7 @@ class Recorder:
             seconds: For how long.
         """
         with self._lock:
-            if not self._closed:
+            if not self._stop.is_set():
                 self._dropped += lines
                 if kind:
                     self._csv.note(f"# gap {escaped(kind)} {seconds:.3f} s\n")
@@ -433,8 +432,7 @@ class Recorder:
     def close(self) -> RecorderCounts:
         """Write the account as a last comment and close the files; safe to call twice, never raises disk errors."""
         with self._lock:
-            if not self._closed:
-                self._closed = True
+            if not self._stop.is_set():
                 self._flush(at_once=True)
                 self._stop.set()
                 self._sync.join()

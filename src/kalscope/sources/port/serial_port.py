@@ -181,8 +181,5 @@ class SerialPort(OpenPort):
 
     def close(self) -> None:
         """Release the port."""
-        port, self._port = self._port, None
-        if port is None:
-            return
-        with suppress(Exception):  # the port is gone with the board
-            port.close()
+        with suppress(Exception):  # the port is gone with the board, or was never made
+            self._port.close()

@@ -246,11 +246,10 @@ class SshPort(OpenPort):
         with suppress(OSError):
             cast("IO[bytes]", self._ssh.stdin).close()
         self._ssh.terminate()
-        try:
+        with suppress(subprocess.TimeoutExpired):
             self._ssh.wait(_END_S)
-        except subprocess.TimeoutExpired:
-            self._ssh.kill()
-            self._ssh.wait()
+        self._ssh.kill()
+        self._ssh.wait()
         with suppress(Empty):
             while True:  # the thread may wait for room
                 self._pieces.get_nowait()
