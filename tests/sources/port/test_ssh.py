@@ -81,11 +81,7 @@ def test_a_second_reader_is_refused(pi, board):
 @each(
     ("address", "words"),
     [
-        (
-            "ssh://stranger/dev/null",
-            r"no connection to stranger \(Host key verification failed.\): does ssh stranger",
-        ),
-        ("ssh://impostor/dev/null", r"Host key verification failed.*Compare and accept the host key there"),
+        ("ssh://stranger/dev/null", r"to stranger \(Host key verification failed.\): does .* accept the host key"),
         ("ssh://closed/dev/null", r"there is no connection to closed \(.*refused\)"),
         ("ssh://locked/dev/null", r"locked \(.*Permission denied.*by ssh-copy-id locked: no password"),
         ("ssh://nobody.invalid@pi/dev/null", "ssh-copy-id nobody.invalid@pi"),
