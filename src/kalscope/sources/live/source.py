@@ -433,16 +433,21 @@ class LiveSource:
                 self._interrupt()
 
     def _leave_out(self, item: BytesReceived, most: int) -> None:
-        """Leave out lines until at most so many bytes wait: one gap, not a hundred."""
+        """Leave out all that waits now but so many bytes: one gap, not a hundred."""
         begin, end, data, following = item.begin, item.end, bytearray(), item
+        count = self._reader.waiting - most
         while isinstance(following, BytesReceived):
-            end, data = following.end, data + following.data
+            end = following.end
+            data += following.data
             self._reader.taken += len(following.data)
-            following = self._reader.items.get() if self._reader.waiting > most else None
+            following = self._reader.items.get() if len(data) < count else None
+        cut = data.rfind(b"\n") + 1 or len(data)  # whole lines, so that the next one is not torn
         with self._lock:
-            count = self._lines.overrun(bytes(data))
+            dropped = self._lines.overrun(bytes(data[:cut]))
             self._samples.time.interrupt()
-        self._note_loss(count, "overrun", end - begin)
+        self._note_loss(dropped, "overrun", end - begin)
+        if rest := bytes(data[cut:]):
+            self._take(BytesReceived(rest, end, end, 0.0))
         if following is not None:
             self._handle(following)
 
