@@ -182,6 +182,7 @@ def test_what_the_other_side_keeps_is_never_dropped(monkeypatch, wait_for):
 
 def test_of_a_flood_without_end_whole_lines_are_read_and_others_left_out(monkeypatch, wait_for):
     monkeypatch.setattr("kalscope.sources.live.source.MAX_WAITING_BYTES", 10_000)
+    monkeypatch.setattr("kalscope.sources.port.reader._MOST_BYTES", 50_000)
     port, reads = ScriptedPort([], "at a line"), cycle([lines(0, 100)[:501], lines(0, 100)[501:]])
     port.fetch = lambda: next(reads)
     with LiveSource("x", reader=PortReader(PortSpec("x"), opener=scripted(port))) as live:
