@@ -97,6 +97,11 @@ def test_what_does_not_open_is_one_sentence(pi, address, words):
         SshPort(port_of(address), bool, None)
 
 
+def test_a_baud_rate_that_stty_there_lacks_is_named(pi, board):
+    with pytest.raises(BadDevice, match=r"must be a serial port: stty: invalid argument .123457"):
+        SshPort(port_of(f"ssh://pi{board.link}@123457"), bool, None)
+
+
 def test_without_ssh_there_is_one_sentence_too(monkeypatch, tmp_path):
     monkeypatch.setenv("PATH", str(tmp_path))
     with pytest.raises(BadDevice, match="needs the program ssh, which is not installed"):

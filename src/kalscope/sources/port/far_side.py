@@ -109,7 +109,7 @@ def open_device(path: str, baud: int, reset: bool) -> int:
     try:
         subprocess.run(["stty", "-F", path, *settings], stderr=subprocess.PIPE, check=True)
     except subprocess.CalledProcessError as error:
-        raise OSError(errno.ENOTTY, "must be a serial port: " + error.stderr.decode().strip()) from None
+        raise OSError(errno.ENOTTY, "must be a serial port: " + error.stderr.decode().split("\n")[0]) from None
     if not reset:
         low = (termios.TIOCM_DTR | termios.TIOCM_RTS).to_bytes(4, sys.byteorder)
         with contextlib.suppress(OSError):  # a pseudo-terminal has no such lines
