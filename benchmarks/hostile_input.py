@@ -16,6 +16,7 @@ import threading
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -25,7 +26,7 @@ from machine import cpu_seconds
 _SUPPORT = Path(__file__).resolve().parents[1] / "tests" / "support"
 sys.path[:0] = [str(_SUPPORT / name) for name in ("hostile", "browsers", "starting", "")]
 from attack_table import ATTACKS, Victim, seen_by  # noqa: E402
-from hostile_boards import BOARDS, LineTally, serve  # noqa: E402
+from hostile_boards import BOARDS, send  # noqa: E402
 from hostile_case import Case  # noqa: E402
 from packed_files import PACKED  # noqa: E402
 from special_files import SPECIAL  # noqa: E402
@@ -208,11 +209,16 @@ class HostileBoards:
         turn, index = divmod(self._number, len(BOARDS))
         board, is_cut = BOARDS[index], (index + turn) % 2 == 0
         self._number += 1
-        sent, output = LineTally(), self._folder / f"{self._number}.csv"
-        sent.may_be_good.set()
+        ends, may_leave, output = list[int](), threading.Event(), self._folder / f"{self._number}.csv"
         with socket.create_server(("127.0.0.1", 0)) as server:
             pieces = board.send(board.big if turn % 4 else board.small)
-            sender = threading.Thread(target=serve, args=(server, pieces, sent), daemon=True)
+
+            def serve() -> None:
+                with suppress(OSError), server.accept()[0] as connection:
+                    ends.append(send(connection, pieces))
+                    may_leave.wait()
+
+            sender = threading.Thread(target=serve, daemon=True)
             sender.start()
             process = subprocess.Popen(
                 [PROGRAM, "record", f"socket://127.0.0.1:{server.getsockname()[1]}", "-o", output],
@@ -222,20 +228,20 @@ class HostileBoards:
                 env={**os.environ, **self._environment},
             )
             try:
-                self._wait(process, output, sent, is_cut=is_cut)
+                self._wait(process, output, ends, is_cut=is_cut)
                 began = time.monotonic()
                 process.send_signal(signal.SIGTERM)
                 out, errors = process.communicate(timeout=60.0)
                 took = time.monotonic() - began
             finally:
                 process.kill()
-                sent.may_leave.set()
+                may_leave.set()
             sender.join(timeout=10.0)
-        self._judge(board.name, out + errors, took, None if is_cut else sent.ends)
+        self._judge(board.name, out + errors, took, None if is_cut else sum(ends))
         for path in self._folder.glob(f"{self._number}[._]*"):
             path.unlink()
 
-    def _wait(self, process: subprocess.Popen[str], output: Path, sent: LineTally, *, is_cut: bool) -> None:
+    def _wait(self, process: subprocess.Popen[str], output: Path, ends: list[int], *, is_cut: bool) -> None:
         """Until the program is in the middle of it, or until nothing is left to be taken."""
         end = time.monotonic() + PATIENCE_S
         while not output.exists() and process.poll() is None and time.monotonic() < end:
@@ -243,7 +249,7 @@ class HostileBoards:
         if is_cut:
             time.sleep(self._draw.uniform(0.2, 3.0))
             return
-        while not sent.is_over and process.poll() is None and time.monotonic() < end:
+        while not ends and process.poll() is None and time.monotonic() < end:
             time.sleep(0.05)
         used = -1.0
         while process.poll() is None and (now := cpu_seconds(process.pid)) - used > IDLE_CPU_S:

@@ -30,7 +30,6 @@ from pathlib import Path
 from starved import Probe, waited
 
 from kalscope.sources.reading.recording_file import read_recording
-from kalscope.sources.recorder import repair
 
 MAX_LOST_S = 0.25
 """The promise: seconds of received lines that a kill may cost."""
@@ -43,7 +42,7 @@ class Kill:
     """What one kill left."""
 
     rows: int
-    """Rows in the file after its repair."""
+    """Whole rows in the file."""
     lost: int
     """Lines that were read from the port and are not in the file, a half-read one included."""
     torn: int
@@ -105,7 +104,7 @@ def kill_once(board: Board, path: Path, wait: float, probe: Probe) -> Kill:
     process.wait()
     time.sleep(0.05)  # the probe may still sleep
     starved = max([probe.latest_since(since), *(after[task] - before.get(task, 0.0) for task in after)])
-    received, torn = board.next_unread(), repair(path)
+    received, torn = board.next_unread(), len(path.read_bytes().rpartition(b"\n")[2])
     rows = rows_of(path)
     wrong = sum(half != number / 2 for number, half in rows)
     wrong += sum(after[0] != before[0] + 1 for before, after in pairwise(rows))

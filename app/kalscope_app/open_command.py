@@ -21,7 +21,7 @@ from kalscope.common.files import temporary_folder
 from kalscope.common.stopping import stop_signals
 from kalscope.common.text import one_line
 from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
-from kalscope.sources.port.registry import address_examples
+from kalscope.sources.port.registry import ADDRESS_EXAMPLES
 
 if TYPE_CHECKING:
     from kalscope_app.guard.server import GuardedServer
@@ -37,7 +37,7 @@ def open_dashboard(
     source: Annotated[
         str,
         typer.Argument(
-            help=f'A file; a live source: {address_examples()}; "demo", "sample:NAME", "experiment:NAME".'
+            help=f'A file; a live source: {ADDRESS_EXAMPLES}; "demo", "sample:NAME", "experiment:NAME".'
         ),
     ] = "",
     follow: Annotated[

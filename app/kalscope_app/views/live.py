@@ -68,8 +68,6 @@ def recording_text(recording: RecordingStatus | None) -> str:
     if recording is None:
         return ""
     lines = [f"recording to **{escape_markdown(recording.name)}**", account(recording.counts)]
-    if recording.counts.waiting:
-        lines.append(f"{count(recording.counts.waiting)} lines wait in memory")
     if recording.error:
         lines.append(f"**{escape_markdown(recording.error, 200)}**")
     return "\n".join(f"- {line}" for line in lines)

@@ -25,7 +25,7 @@ from kalscope.common.stopping import message_at_stop, stop_signals
 from kalscope.common.text import escaped, number, one_line, plain
 from kalscope.errors import BadDevice, BadSetting, Cancelled
 from kalscope.recording import Recording
-from kalscope.sources.port.registry import address_examples
+from kalscope.sources.port.registry import ADDRESS_EXAMPLES
 from kalscope.sources.port.serial_port import PortInfo, list_ports
 
 if TYPE_CHECKING:
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from kalscope.sources.live.source import LiveSource, LiveStatus
     from kalscope.sources.recorder import Recorder
 
-Port = Annotated[str, typer.Argument(metavar="PORT", help=f"{address_examples()}; default 115200 baud.")]
+Port = Annotated[str, typer.Argument(metavar="PORT", help=f"{ADDRESS_EXAMPLES}; default 115200 baud.")]
 NoReset = Annotated[
     bool, typer.Option("--no-reset", help="Keep DTR and RTS low, so that an Arduino does not restart.")
 ]
@@ -93,9 +93,6 @@ def record_command(
     output: Annotated[Path, typer.Option("-o", "--output", metavar="FILE.csv", help="A new file to record into.")],
     seconds: Annotated[float | None, number_option("Stop after this many seconds.")] = None,
     lines: Annotated[float | None, number_option("Stop once at least this many lines are written.")] = None,
-    resume: Annotated[
-        bool, typer.Option("--resume", help="Continue FILE.csv, a recording that ended or that a crash cut short.")
-    ] = False,
     no_reconnect: Annotated[
         bool,
         typer.Option("--no-reconnect", help="Stop with status 2 when the board disconnects; default: wait for it."),
@@ -111,16 +108,16 @@ def record_command(
     """
     from kalscope.sources.live.source import LiveSource
     from kalscope.sources.port.registry import port_of
-    from kalscope.sources.recorder import check_free, existing_parts
+    from kalscope.sources.recorder import check_free
 
     spec = port_of(port, reset=not no_reset)
-    _ = existing_parts(output) if resume else check_free(output)  # before the board is reset for nothing
+    check_free(output)  # before the board is reset for nothing
     live = LiveSource(spec, reconnect=not no_reconnect, keep=KEPT_SAMPLES)
     with closing(live):
         live.open()
         recorder, view = None, StatusLine()
         with stop_signals(lambda: one_line(summary(recorder)) if recorder else "nothing was recorded") as stop:
-            recorder = live.record(output, resume=resume)  # before the first byte is read
+            recorder = live.record(output)  # before the first byte is read
             live.start()
             disconnected = _wait_for_end(live, recorder, stop, view, seconds, lines)
             live.close(MAX_CLOSE_S)  # ends the recording too: the summary is that of a whole file

@@ -3,7 +3,6 @@
     NAME.csv      host time, device time if sent, the values; gaps and the final account as comment lines
     NAME-2.csv    the same again, where the board began to send other columns
     NAME.rejects  the lines that are not data, with their numbers and reasons
-    NAME.torn     what a crash left after the last whole line, moved there when the recording is resumed
 
 All lines of a call go out in one `os.write`: a program that is killed loses only lines not passed yet.
 Host time is the difference of two monotonic times, so that no step of the wall clock
@@ -14,9 +13,7 @@ from __future__ import annotations
 
 import errno
 import math
-import mmap
 import os
-import shutil
 import threading
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
@@ -29,27 +26,18 @@ from kalscope.common.files import sync_folder
 from kalscope.common.text import one_line, program, unused_name
 from kalscope.errors import BadFile
 from kalscope.recording import LineIssue
-from kalscope.sources.grammar.cells import is_comment
 from kalscope.sources.grammar.timestamps import TimeColumn
 from kalscope.sources.port.reader import SYSTEM, Clock
 from kalscope.sources.reading.columns import Column, named_column, only_text
 from kalscope.sources.reading.line_reader import LineEvent
 from kalscope.sources.reading.sniffer import Layout
 
-# The files of one recording, by name: NAME.csv, NAME-2.csv, …, NAME.rejects, NAME.torn.
-
-
-_HEAD_BYTES = 65_536
+# The files of one recording, by name: NAME.csv, NAME-2.csv, …, NAME.rejects.
 
 
 def rejects_path(path: Path) -> Path:
     """Where the rejected lines of a recording go."""
     return path.with_name(f"{path.stem}.rejects")
-
-
-def part_path(path: Path, number: int) -> Path:
-    """Part `number`, from 1, of a recording."""
-    return path if number == 1 else path.with_name(f"{path.stem}-{number}{path.suffix}")
 
 
 def first_free(path: Path) -> Path:
@@ -72,33 +60,10 @@ def check_free(path: Path) -> None:
     """
     if not path.name or path.is_dir():
         raise BadFile(f"a recording must be a file (got {str(path)!r})")
-    if path.suffix.lower() in (".rejects", ".torn"):
-        raise BadFile(f"a recording must not end in .rejects or .torn (got {path.name!r})")
+    if path.suffix.lower() == ".rejects":
+        raise BadFile(f"a recording must not end in .rejects (got {path.name!r})")
     if _is_taken(path):
         raise BadFile(f"{path.name!r} exists already: choose another name, such as {first_free(path).name!r}")
-
-
-def continues_line(before: Path) -> str:
-    """The comment by which a part names the one before it."""
-    return f"# continues {escaped(before.name)}, with the same host time\n"
-
-
-def existing_parts(path: Path) -> list[Path]:
-    """The parts of a recording that exist; files of other recordings that have such names are left out.
-
-    Raises:
-        BadFile: not even the first does.
-        OSError: One cannot be read.
-    """
-    if not path.is_file():
-        raise BadFile(f"there is no recording {str(path)!r} to resume")
-    parts, n = [path], 2
-    while (part := part_path(path, n)).is_file():
-        with part.open("rb") as file:
-            if continues_line(parts[-1]).encode() in file.read(_HEAD_BYTES):
-                parts.append(part)
-        n += 1
-    return parts
 
 
 # How a recording of a live source is written: its header, its rows, its rejected lines. Pure functions on text.
@@ -107,12 +72,6 @@ def existing_parts(path: Path) -> list[Path]:
 # through our own reader, a spreadsheet and pandas (`comment="#"`), whatever the board calls its channels.
 
 
-MAGIC = "# kalscope recording "
-"""What a recording begins with; the version follows."""
-REJECTS_MAGIC = "# kalscope rejects "
-"""What the file of rejected lines begins with."""
-STARTED = "# started: "
-"""Before the wall clock's time at host time 0."""
 HOST_TIME = "host time [s]"
 """Header of the first column."""
 DEVICE_TIME = "device time"
@@ -131,21 +90,17 @@ def preamble(source: str, wall: float, *, rejects: bool = False) -> str:
         wall: Unix time at host time 0, s.
         rejects: True for the file of rejected lines.
     """
+    started = datetime.fromtimestamp(wall, UTC).isoformat(timespec="microseconds").replace("+00:00", "Z")
     lines = [
-        f"{REJECTS_MAGIC if rejects else MAGIC}{program().rpartition(' ')[2]}",
+        f"# kalscope {'rejects' if rejects else 'recording'} {program().rpartition(' ')[2]}",
         f"# source: {escaped(source)}",
-        f"{STARTED}{iso_utc(wall)}",
+        f"# started: {started}",
         "# host time: s since the start, by this computer's monotonic clock; the rest as the board sent it",
     ]
     if rejects:
         lines.append("# text: a line as received, cut at 200 characters, with \\ before what cannot be printed")
         lines.append(f"{HOST_TIME},line,column,reason,text")
     return "\n".join(lines) + "\n"
-
-
-def iso_utc(unix: float) -> str:
-    """Unix time as ISO 8601 in UTC, with microseconds."""
-    return datetime.fromtimestamp(unix, UTC).isoformat(timespec="microseconds").replace("+00:00", "Z")
 
 
 def header_line(layout: Layout) -> str:
@@ -184,8 +139,6 @@ def rejects_lines(host: float, number: int, text: str, issues: Iterable[LineIssu
 
 def escaped(text: str) -> str:
     r"""Printable text on one line: `\n`, `\x00`, `\\`."""
-    if text.isprintable() and "\\" not in text:
-        return text
     return "".join(c if c.isprintable() and c != "\\" else c.encode("unicode_escape").decode() for c in text)
 
 
@@ -216,97 +169,16 @@ def _harmless(name: str) -> str:
     return f"'{name}" if name.startswith(_FORMULA) else name or "channel"
 
 
-# A recording whose last line was cut short: whole lines stay, the rest is moved aside.
-#
-# A program that is killed may leave half a line; a power cut may leave zeros after it, or zeros with old bytes of
-# the disk after them. So the file ends with the last newline before the first zero byte.
-
-
-def repair(path: Path) -> int:
-    """Cut a recording, or its file of rejected lines, at its last whole line. No program may be writing to it.
-
-    What follows is appended to NAME.torn (NAME.rejects.torn for the rejected lines), and is on the disk before the
-    file is cut.
-
-    Returns:
-        How many bytes were moved.
-
-    Raises:
-        BadFile: The file is not a Kalscope recording, or there is no space to move the torn tail to; the recording
-            is then unchanged.
-    """
-    torn = path.with_name(f"{path.name}.torn" if path.suffix == ".rejects" else f"{path.stem}.torn")
-    try:
-        with path.open("rb+") as file:
-            head = file.read(40).partition(b"\0")[0].decode("utf-8", "replace")
-            if not any(head.startswith(magic) or magic.startswith(head) for magic in (MAGIC, REJECTS_MAGIC)):
-                raise BadFile(f"{path.name} must begin with {MAGIC!r}, as a recording does (got {head!r})")
-            size = file.seek(0, os.SEEK_END)
-            kept = _end_of_whole_lines(file.fileno()) if size else 0
-            if kept == size:
-                return 0
-            with torn.open("ab") as out:
-                file.seek(kept)
-                shutil.copyfileobj(file, out)
-                out.write(b"\n")  # tails of several crashes stay apart
-                out.flush()
-                os.fsync(out.fileno())
-            file.truncate(kept)
-            file.flush()
-            os.fsync(file.fileno())
-            return size - kept
-    except OSError as error:
-        raise BadFile(f"cannot repair the recording {path.name}: {error.strerror}") from None
-
-
-def _end_of_whole_lines(descriptor: int) -> int:
-    """Offset after the last newline before the first zero byte of a file that is not empty."""
-    with mmap.mmap(descriptor, 0, access=mmap.ACCESS_READ) as data:
-        zero = data.find(b"\0")
-        return data.rfind(b"\n", 0, zero if zero >= 0 else len(data)) + 1
-
-
-def read_ends(path: Path) -> tuple[float | None, str, float]:
-    """What a repaired recording begins and ends with.
-
-    Returns:
-        Unix time at host time 0, s, and the CSV header with its newline, or None and "" where the file ends before
-        them; the host time of the last row, s, 0 where there is none.
-
-    Raises:
-        BadFile: Its comments or its last row cannot be understood.
-        OSError: It cannot be read.
-    """
-    with path.open("rb") as file:
-        head = file.read(_HEAD_BYTES).decode("utf-8", "replace").splitlines(keepends=True)
-        start = max(0, file.seek(0, os.SEEK_END) - _HEAD_BYTES)
-        file.seek(start)
-        tail = file.read().decode("utf-8", "replace").splitlines()[1 if start else 0 :]
-    started = next((line for line in head if line.startswith(STARTED)), None)
-    header = next((line for line in head if not is_comment(line)), "")
-    rows = [line for line in tail if not is_comment(line) and line + "\n" != header]
-    try:
-        wall = None if started is None else datetime.fromisoformat(started[len(STARTED) :].split()[0]).timestamp()
-        host = float(rows[-1].partition(",")[0]) if rows else 0.0
-    except (ValueError, IndexError):
-        raise BadFile(f"{path.name} must be a recording as it was written (got one that was edited)") from None
-    return wall, header, host
-
-
 # A file that only grows, by whole lines, whatever the disk does.
 #
-# A full disk cuts a write short, inside a number; the file is then cut back to where it was, and what was to be
-# written waits in memory until there is space.
+# A full disk cuts a write short, inside a number; the file is then cut back to where it was, and the lines of that
+# write, and those that come until there is space, are counted as lost.
 
 
 SYNC_EVERY_S = 1.0
 """Pause between two requests that the disk keep what it has, s."""
 RETRY_S = 1.0
 """Pause between two attempts to write to a disk that refuses, s."""
-MAX_WAIT_BYTES = 32_000_000
-"""Memory that lines may take while they wait for such a disk; later ones are lost, and counted: 1,000 lines/s of 20
-bytes wait for 6 minutes."""
-_OVERHEAD = 60  # bytes of memory that each text takes besides
 
 _FULL = (errno.ENOSPC, errno.EFBIG, getattr(errno, "EDQUOT", errno.ENOSPC))
 _fdatasync = getattr(os, "fdatasync", os.fsync)
@@ -316,83 +188,71 @@ class AppendFile:
     """One growing file. Not for several threads, except `sync`, which may be called from another."""
 
     def __init__(self, path: Path, head: str = "") -> None:
-        """Name the file; it is opened by `open`, or by the first `flush`. `head` comes before all else."""
+        """Name the file; it is created by `create`, or by the first `flush`. `head` comes before all else."""
         self.path, self._head = path, head
         self.error = ""
         """What keeps lines from reaching the file; "" while they do."""
         self._damage = self._sync_error = ""
-        self.waiting = 0
-        """Lines of the board in memory that have not reached the file."""
         self.lines = 0
         """Lines of the board that are in the file."""
-        self.lost = 0
-        """Lines of the board for which there was no memory left."""
+        self.lost: int = 0
+        """Lines of the board that the disk refused."""
         self._fd: int | None = None
         self._fd_lock = threading.Lock()
         self.size = 0
         """Bytes of the file, without what other programs do to it."""
-        self._bytes = 0  # of what waits
-        self._dirty = False
-        self._texts: list[bytes] = []
-        self._failure = ("", 0.0, 0)  # its kind, when it began, the lines lost before
+        self._notes, self._texts, self._put = "", list[str](), 0  # what the next write holds, and its lines
+        self._failed: tuple[float, int] = (0.0, 0)  # when the error began, and the lines lost before
 
     @property
     def problem(self) -> str:
         """What is wrong with the file; "" for nothing."""
         return self.error or self._damage or self._sync_error
 
-    def open(self, *, new: bool) -> int:
-        """Open the file, as a new one, or to append to it; its descriptor.
+    def create(self) -> int:
+        """Create the file; its descriptor.
 
         Raises:
-            OSError: It cannot be opened (FileExistsError: it is there already), or another program appends to it.
+            OSError: It cannot be created (FileExistsError: it is there already).
         """
-        flags = os.O_WRONLY | os.O_APPEND | os.O_CREAT | (os.O_EXCL if new else 0) | getattr(os, "O_BINARY", 0)
-        fd = os.open(self.path, flags, 0o666)
-        try:
-            _lock(fd)
-        except BaseException:  # Ctrl+C as well must not keep the file open and locked
-            os.close(fd)
-            raise
-        self._fd, self.size = fd, os.fstat(fd).st_size
-        return fd
+        flags = os.O_WRONLY | os.O_APPEND | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0)
+        self._fd = os.open(self.path, flags, 0o666)
+        return self._fd
 
     def put(self, text: str, lines: int = 0) -> None:
-        """Queue the text of so many lines of the board for the next flush; it is lost if too much waits already."""
-        if self._bytes > MAX_WAIT_BYTES:  # until all that waits is written: one gap, not a hundred
-            self.lost += lines
-        else:
-            self.note(text, lines)
+        """Queue the text of so many lines of the board for the next flush."""
+        self._texts.append(text)
+        self._put += lines
 
-    def note(self, text: str, lines: int = 0) -> None:
-        """Queue a text, even while lines are being lost."""
-        data = (self._head + text).encode("utf-8", "backslashreplace")
-        self._head = ""
-        self._texts.append(data)
-        self.waiting += lines
-        self._bytes += len(data) + _OVERHEAD
+    def note(self, text: str) -> None:
+        """Queue comments or a header, which come before the lines and wait for a disk that refuses."""
+        self._notes += text
 
     def flush(self, now: float, *, at_once: bool = False) -> None:
-        """Write what waits; never raises disk errors.
+        """Write what was queued; never raises disk errors.
 
         Args:
             now: Monotonic time, s: a disk that refused is tried again after RETRY_S.
             at_once: Do not wait for that.
         """
         self._check()
-        if not self._texts or (self.error and now < self._retry_at and not at_once):
+        texts, lines, (since, lost) = "".join(self._texts), self._put, self._failed
+        self._texts, self._put = [], 0
+        if self.error and now < self._retry_at and not at_once:
+            self.lost += lines
             return
+        kind = self.error.partition(" (")[0]
+        gap = f"# gap {kind} {now - since:.3f} s ({self.lost - lost} lines dropped)\n" if kind else ""
         try:
-            self._write()
-            if self.error:
-                kind, since, lost = self._failure
-                self.note(f"# gap {kind} {now - since:.3f} s ({self.lost - lost} lines dropped)\n")
-                self._write()
-            self.error = ""
+            if text := self._notes + gap + texts:
+                self._write((self._head + text).encode("utf-8", "backslashreplace"))
+                self._head = self._notes = self.error = ""
+            self.lines += lines
         except OSError as error:
             kind = "disk full" if error.errno in _FULL else "write error"
-            self._failure = (kind, *self._failure[1:]) if self.error else (kind, now, self.lost)
-            self.error = f"{kind} ({error.strerror}): lines for {self.path.name} wait in memory"
+            self._failed = self._failed if self.error else (now, self.lost)
+            self.error = f"{kind} ({error.strerror}): lines for {self.path.name} are lost"
+            self.lost += lines
             self._retry_at = now + RETRY_S
 
     def _check(self) -> None:
@@ -401,23 +261,20 @@ class AppendFile:
         if status and (not status.st_nlink or status.st_size < self.size):
             self._damage = f"{self.path.name} was deleted or cut short by another program: record to a new file"
 
-    def _write(self) -> None:
-        """Write all that waits; where that raises OSError, nothing of it."""
-        fd = self.open(new=False) if self._fd is None else self._fd
-        data = b"".join(self._texts)
+    def _write(self, data: bytes) -> None:
+        """Write all of it; where that raises OSError, nothing."""
+        fd = self.create() if self._fd is None else self._fd
         end, rest = self.size + len(data), memoryview(data)
         try:
             if self.error:
                 self._cut_back(fd)
-            self._dirty = True
             while rest:
                 rest = rest[os.write(fd, rest) :]
         except OSError:
             with suppress(OSError):  # tried again before the next write
                 self._cut_back(fd)
             raise
-        self.lines, self.waiting = self.lines + self.waiting, 0
-        self._texts, self._bytes, self.size = [], 0, end
+        self.size = end
 
     def _cut_back(self, fd: int) -> None:
         """Cut off what a refused write left after the last whole line."""
@@ -427,19 +284,15 @@ class AppendFile:
     def sync(self) -> None:
         """Sync the file to the disk; from any thread."""
         with self._fd_lock:
-            if self._fd is None or not self._dirty:
-                return
-            self._dirty = False
-            try:
-                _fdatasync(self._fd)
-                self._sync_error = ""
-            except OSError as error:
-                self._dirty = True  # sync once more
-                self._sync_error = f"the disk did not confirm what was written ({error.strerror})"
+            if self._fd is not None:
+                try:
+                    _fdatasync(self._fd)
+                    self._sync_error = ""
+                except OSError as error:
+                    self._sync_error = f"the disk did not confirm what was written ({error.strerror})"
 
     def close(self) -> None:
-        """Close the file once the disk has it; what still waits is lost. Safe to call twice."""
-        self.lost, self.waiting = self.lost + self.waiting, 0
+        """Close the file once the disk has it. Safe to call twice."""
         self.sync()
         with self._fd_lock:
             if self._fd is not None:
@@ -448,22 +301,7 @@ class AppendFile:
                 self._fd = None
 
 
-def _lock(fd: int) -> None:
-    """Two programs that append to one file would mix their lines."""
-    try:
-        import fcntl
-
-        fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        raise OSError(errno.EBUSY, "it is being recorded") from None
-    except (ImportError, OSError):  # Windows, and some file systems, have no such locks
-        return
-
-
 # The recorder.
-
-
-_WHAT = {"comment": "a comment", "header": "a header", "text": "text, not data"}
 
 
 @dataclass
@@ -477,11 +315,9 @@ class RecorderCounts:
     rejected: int = 0
     """Lines that are in NAME.rejects because they are not rows."""
     dropped: int = 0
-    """Lines that are in neither: lost before they reached the recorder, or while the disk was full for too long."""
+    """Lines that are in neither: lost before they reached the recorder, or while the disk was full."""
     unwritable: int = 0
-    """Of the dropped lines, those that the disk refused for too long."""
-    waiting: int = 0
-    """Lines in memory, because the disk refuses them; they count as received once written or dropped."""
+    """Of the dropped lines, those that the disk refused."""
     other: int = 0
     """Blank lines, comments, headers and text such as a boot message; the text is in NAME.rejects."""
 
@@ -499,79 +335,42 @@ StampedLine = tuple[float, LineEvent, Layout | None]
 class Recorder:
     """Writes one recording. Any thread may call it; its calls run one after the other."""
 
-    def __init__(self, path: Path, source: str, *, resume: bool = False, clock: Clock = SYSTEM) -> None:
-        """Create a recording, which never overwrites a file, or resume one that ended or that a crash cut short.
-
-        To resume, the torn tail is moved into NAME.torn, then a comment says how long nothing was recorded. Host
-        time continues by the wall clock; where that was set back, at the last row. Lines with other columns than
-        those of the file go into a new part.
+    def __init__(self, path: Path, source: str, *, clock: Clock = SYSTEM) -> None:
+        """Create a recording, which never overwrites a file. Lines with other columns go into a new part.
 
         Args:
             path: NAME.csv; its folder exists, and the caller has checked that it may be written to.
             source: What is recorded, as the command line names it.
-            resume: Continue the recording at `path`.
             clock: Host time 0 is its present time; its monotonic part times the retries on a full disk, too.
 
         Raises:
-            BadFile: The name is taken (a free one is proposed), or the file cannot be created. To resume: there is
-                no such recording, it is being recorded, or it cannot be written to.
+            BadFile: The name is taken (a free one is proposed), or the file cannot be created.
         """
         self.path = Path(path)
         """NAME.csv, the first part."""
         self.rejects_path = rejects_path(self.path)
         """NAME.rejects; it exists once there is something in it."""
-        if not resume:
-            check_free(self.path)
+        check_free(self.path)
         self._source, self._clock = source, clock.monotonic
-        self._started, self._wall, self._offset = clock.monotonic(), clock.wall(), 0.0
+        self._started, self._wall = clock.monotonic(), clock.wall()
         self._header = ""
         self._layout: Layout | None = None
-        self._channels: Sequence[int] = ()
         self._dropped = self._other = 0
         self._lock = threading.Lock()
         self._stop = threading.Event()
-        self._closed = False
-        self._open(resume=resume)
+        self._csv = AppendFile(self.path)
+        self._parts = [self._csv]
+        self._rejects = AppendFile(self.rejects_path, preamble(source, self._wall, rejects=True))
+        try:
+            self._csv.create()
+        except (OSError, ValueError) as error:
+            reason = getattr(error, "strerror", None) or str(error)
+            raise BadFile(f"cannot write the recording {str(path)!r}: {reason}") from None
+        self._csv.note(preamble(source, self._wall))
         self._sync = threading.Thread(target=self._keep_synced, name="kalscope-sync", daemon=True)
         self._sync.start()
         sync_folder(self.path.parent)
         self.write([])
-
-    def _open(self, *, resume: bool) -> None:
-        """Open the file and queue its first comments."""
-        parts = existing_parts(self.path) if resume else [self.path]
-        has_rejects = resume and self.rejects_path.exists()
-        rejects_head = "" if has_rejects else preamble(self._source, self._wall, rejects=True)
-        self._part, self._csv = len(parts), AppendFile(parts[-1])
-        self._parts, self._rejects = [self._csv], AppendFile(self.rejects_path, rejects_head)
-        try:
-            self._csv.open(new=not resume)  # locked first: no other program appends while the tail is judged
-            if has_rejects:
-                repair(self.rejects_path)
-            if not resume or not self._resume(parts[-1]):
-                self._csv.note(preamble(self._source, self._wall))
-        except BadFile:
-            self._csv.close()
-            raise
-        except (OSError, ValueError) as error:
-            self._csv.close()
-            reason = getattr(error, "strerror", None) or str(error)
-            raise BadFile(f"cannot write the recording {str(parts[-1])!r}: {reason}") from None
-
-    def _resume(self, path: Path) -> bool:
-        """Repair a part, continue its host time and its columns; False where a crash left not even comments."""
-        self._csv.size -= repair(path)
-        wall, self._header, host = read_ends(path)
-        if wall is None:
-            return False
-        since = self._wall - wall - host
-        self._offset = host + max(since, 0.0)
-        length = f"{since:.3f} s" if since >= 0.0 else "of unknown length, the clock was set back"
-        self._csv.note(
-            f"# gap restart {length}\n# restarted: {iso_utc(self._wall)} (host time {self._offset:.6f}),"
-            f" source: {escaped(self._source)}\n"
-        )
-        return True
 
     def _keep_synced(self) -> None:
         """Sync the files to the disk.
@@ -586,12 +385,11 @@ class Recorder:
     @property
     def counts(self) -> RecorderCounts:
         """The account up to now."""
-        files, rejected = self._files(), self._rejects.lines
-        written, waiting = sum(part.lines for part in self._parts), sum(file.waiting for file in files)
-        unwritable = sum(file.lost for file in files)
+        written, rejected = sum(part.lines for part in self._parts), self._rejects.lines
+        unwritable = sum(file.lost for file in self._files())
         dropped = self._dropped + unwritable
         received = written + rejected + dropped
-        return RecorderCounts(received, written, rejected, dropped, unwritable, waiting, self._other)
+        return RecorderCounts(received, written, rejected, dropped, unwritable, self._other)
 
     @property
     def error(self) -> str:
@@ -611,7 +409,7 @@ class Recorder:
     def write(self, stamped: Sequence[StampedLine]) -> None:
         """Write lines, in order of time; called often, also without lines, and never raises disk errors."""
         with self._lock:
-            if not self._closed:
+            if not self._stop.is_set():
                 for line in stamped:
                     self._take(*line)
                 self._flush()
@@ -625,25 +423,22 @@ class Recorder:
             seconds: For how long.
         """
         with self._lock:
-            if not self._closed:
+            if not self._stop.is_set():
                 self._dropped += lines
                 if kind:
-                    self._csv.put(f"# gap {escaped(kind)} {seconds:.3f} s\n")
+                    self._csv.note(f"# gap {escaped(kind)} {seconds:.3f} s\n")
                     self._flush()
 
     def close(self) -> RecorderCounts:
         """Write the account as a last comment and close the files; safe to call twice, never raises disk errors."""
         with self._lock:
-            if not self._closed:
-                self._closed = True
+            if not self._stop.is_set():
                 self._flush(at_once=True)
                 self._stop.set()
                 self._sync.join()
-                for file in (*self._parts[:-1], self._rejects):
-                    file.close()
-                if not self._csv.error:
-                    self._csv.note(f"# end: {self.counts}\n")
-                    self._csv.flush(self._clock(), at_once=True)
+                self._rejects.close()
+                self._csv.note(f"# end: {self.counts}\n")
+                self._csv.flush(self._clock(), at_once=True)
                 self._csv.close()
             return self.counts
 
@@ -657,36 +452,36 @@ class Recorder:
             self._csv.note(header)
         elif header != self._header:
             self._next_part(header)
-        self._layout, self._header, self._channels = layout, header, layout.channels
+        self._layout, self._header = layout, header
 
     def _next_part(self, header: str) -> None:
-        before = self._csv
-        names = ((n, part_path(self.path, n)) for n in numbers(self._part + 1))
-        self._part, path = next((n, name) for n, name in names if not os.path.lexists(name))
-        before.note(f"# continued in {escaped(path.name)}: the columns changed\n")
-        start = preamble(self._source, self._wall - self._offset) + continues_line(before.path)
-        self._csv = AppendFile(path, start + header)
+        before, path = self._csv, self.path
+        names = (path.with_name(f"{path.stem}-{n}{path.suffix}") for n in numbers(2))
+        new = next(name for name in names if not os.path.lexists(name))
+        before.put(f"# continued in {escaped(new.name)}: the columns changed\n")
+        before.flush(self._clock(), at_once=True)
+        before.close()
+        self._csv = AppendFile(new)
         self._parts.append(self._csv)
+        continues = f"# continues {escaped(before.path.name)}, with the same host time\n"
+        self._csv.note(preamble(self._source, self._wall) + continues + header)
 
     def _take(self, at: float, event: LineEvent, layout: Layout | None) -> None:
-        host, issues = at - self._started + self._offset, event.issues
+        host, issues = at - self._started, event.issues
         if event.kind == "row" and layout is not None:
             if layout is not self._layout:  # with its first row: names of variables may come long before
                 self._use(layout)
-            rows = (row_line(layout.time, self._channels, host, row) for row in event.rows)
+            rows = (row_line(layout.time, layout.channels, host, row) for row in event.rows)
             self._csv.put("".join(rows), 1)
         elif event.kind != "rejected":
             self._other += 1
-            what = _WHAT.get(event.kind)
-            issues = (LineIssue(event.number, f"is {what}", event.text),) if what else ()
+            if event.kind != "blank":
+                issues = (LineIssue(event.number, f"{event.kind}, not data", event.text),)
         if issues or event.kind == "rejected":  # those of single cells, too: the row has empty cells there
             lines = rejects_lines(host, event.number, event.text, issues)
             self._rejects.put(lines, int(event.kind == "rejected"))
 
     def _flush(self, *, at_once: bool = False) -> None:
         now = self._clock()
-        for file in self._files():
+        for file in (self._csv, self._rejects):
             file.flush(now, at_once=at_once)
-        for part in self._parts[:-1]:
-            if not part.error:  # nothing waits
-                part.close()

@@ -38,7 +38,7 @@ def test_the_port_that_was_just_plugged_in_is_shown_unless_the_user_chose_anothe
 
 @each(
     ("address", "expected"),
-    [("", True), ("/dev/ttyACM0", True), ("COM3", True), ("ssh://pi/dev/ttyACM0", True), ("rfc2217://h:1", True)]
+    [("", True), ("/dev/ttyACM0", True), ("COM3", True), ("ssh://pi/dev/ttyACM0", True)]
     + [(text, False) for text in ("tcp://h:1", " UDP://:47269", "mqtt://broker/t", "file:log.csv")],
 )
 def test_a_baud_rate_is_offered_where_it_means_something(address, expected):

@@ -64,6 +64,7 @@ def test_the_first_line_after_opening_is_dropped_wherever_the_bytes_are_cut(end)
     for cut in range(1, len(data)):
         stream = Stream().feed(data[:cut]).feed(data[cut:]).feed(b"7,8" + end)
         stream.feed(b"7,8" + end, after=3.0)
+        assert stream.events[0].kind == "blank"  # counted, and in no file of rejected lines
         assert stream.rows[:3] == [(1.0, 2.0), (3.0, 4.0), (5.0, 6.0)], cut
         counts = stream.lines.counts
         assert counts.received == counts.accepted + counts.rejected + counts.dropped

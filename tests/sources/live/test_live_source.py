@@ -4,6 +4,7 @@ import math
 import threading
 import time
 from contextlib import suppress
+from itertools import cycle
 
 import numpy as np
 import pytest
@@ -169,7 +170,7 @@ def test_the_names_of_a_stream_that_begins_at_a_line_may_change_with_each_openin
 
 @pytest.mark.slow
 def test_what_the_other_side_keeps_is_never_dropped(monkeypatch, wait_for):
-    monkeypatch.setattr("kalscope.sources.port.reader.MAX_WAITING_BYTES", 10_000)
+    monkeypatch.setattr("kalscope.sources.live.source.MAX_WAITING_BYTES", 10_000)
     monkeypatch.setattr("kalscope.sources.port.reader._KEPT_BYTES", 5_000)
     port = ScriptedPort([lines(i, i + 100) for i in range(0, 10_000, 100)], "at a line", keeps=True)
     source = LiveSource("x", reader=PortReader(PortSpec("x"), opener=scripted(port)))
@@ -177,6 +178,17 @@ def test_what_the_other_side_keeps_is_never_dropped(monkeypatch, wait_for):
         wait_for(received(live, 10_000))
         np.testing.assert_array_equal(live.snapshot().recording.values[:, 0], np.arange(10_000))
         assert live.status().overrun == 0
+
+
+def test_of_a_flood_without_end_whole_lines_are_read_and_others_left_out(monkeypatch, wait_for):
+    monkeypatch.setattr("kalscope.sources.live.source.MAX_WAITING_BYTES", 10_000)
+    monkeypatch.setattr("kalscope.sources.port.reader._MOST_BYTES", 50_000)
+    port, reads = ScriptedPort([], "at a line"), cycle([lines(0, 100)[:501], lines(0, 100)[501:]])
+    port.fetch = lambda: next(reads)
+    with LiveSource("x", reader=PortReader(PortSpec("x"), opener=scripted(port))) as live:
+        wait_for(lambda: min(live.status().accepted, live.status().overrun) > 1000)
+        status = live.status()
+        assert (status.rejected, status.dropped) == (0, status.overrun)
 
 
 def test_bytes_that_a_late_close_left_out_do_not_hold_up_the_next_start(monkeypatch, wait_for):

@@ -27,18 +27,6 @@ def add(path, text):
         file.write(text if isinstance(text, bytes) else text.encode())
 
 
-def test_what_is_added_is_read_once_also_by_the_next_reader(log):
-    add(log, b"a\nb")
-    file = GrowingFile(str(log))
-    assert [file.read(), file.read()] == [b"a\nb", b""]
-    add(log, b"c\r\nd")
-    again = GrowingFile(str(log), file.place)
-    assert [again.place[0], again.read(), again.read(), file.read()] == [3, b"c\r\nd", b"", b"c\r\nd"]
-    file.close()
-    again.close()
-    again.close()
-
-
 def truncate(path):
     path.write_bytes(b"new\n")
 

@@ -4,7 +4,6 @@ from itertools import count
 from queue import Empty
 
 import pytest
-import serial
 from each import each
 from scripted_port import ScriptedPort, scripted
 
@@ -19,13 +18,6 @@ from kalscope.sources.port.reader import (
 from kalscope.sources.port.registry import PortSpec
 
 pytestmark = pytest.mark.usefixtures("no_thread_left")
-
-
-@pytest.fixture
-def reader(board):
-    reader = PortReader(PortSpec(board.link))
-    yield reader
-    reader.close()
 
 
 def taken(reader):
@@ -80,17 +72,6 @@ def test_whatever_is_raised_at_an_opening_or_a_write_is_one_sentence(wait_for):
     with pytest.raises(BadDevice, match=r"x accepts no data \(no driver\)"):
         reader.write(b"1")
     reader.close()
-
-
-def test_close_frees_the_port_at_once_even_while_it_reads(board, reader):
-    for _ in range(3):
-        reader.start(require=True)
-        with pytest.raises(serial.SerialException):
-            serial.Serial(board.link, exclusive=True)
-        reader.close()
-        with serial.Serial(board.link, exclusive=True) as second:
-            assert second.is_open
-    assert reader.state.word == "closed"
 
 
 def test_silence_is_time_in_which_reads_found_nothing_and_no_late_read(wait_for):

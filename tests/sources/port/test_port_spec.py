@@ -17,7 +17,6 @@ TYPED = {
     " serial:COM12@250000 ": ("COM12", 250000),
     "SERIAL:COM3@1": ("COM3", 1),
     "socket://192.168.1.20:3333": ("socket://192.168.1.20:3333", 115200),
-    "rfc2217://host:4000@57600": ("rfc2217://host:4000", 57600),
     "UDP://[::1]:47269": ("UDP://[::1]:47269", 115200),
     "udp://:47269": ("udp://:47269", 115200),
     "mqtt://ada@[::1]:1883/home/ada%40x.org/t": ("mqtt://ada@[::1]:1883/home/ada%40x.org/t", 115200),
@@ -43,7 +42,6 @@ def test_a_port_is_read_as_it_is_typed_and_written(text):
         *[(text, "got") for text in ("", "serial:", "serial:@9600", "COM3@-1", "COM3@0", "COM3@1e6")],
         *[(text, "baud rate must be a whole number") for text in ("COM3@", "/dev/serial/by-id/usb-a@b")],
         ("ssh://pi:2222/dev/ttyACM0@fast", r"baud rate must be a whole number.*'fast'"),
-        ("rfc2217://host:4000@fast", r"baud rate must be a whole number.*'fast'"),
         *[
             (f"socket://{rest}", "must be socket://host:port")
             for rest in ("host", ":3333", "host:", "a:b", "a:70000")
@@ -52,7 +50,6 @@ def test_a_port_is_read_as_it_is_typed_and_written(text):
             (f"udp://{rest}", "must be udp://host:port")
             for rest in ("", ":", ":0", ":70000", "a b:1", "1", "u@h:1")
         ],
-        ("rfc2217://host", "must be rfc2217://host:port"),
         ("file:", "must be file:PATH"),
         ("loop://x", "must begin with one of"),
     ],
@@ -69,7 +66,7 @@ def test_a_baud_rate_is_a_whole_number_of_its_range(baud):
 
 
 LIVE = ["serial:x", "Serial:COM3@9600", "COM3", "COM3@9600", "/dev/ttyUSB0", "/dev/cu.usb@9600", "socket://"]
-LIVE += ["rfc2217://h:1", "/dev/pts/3", r"\\.\COM12"]
+LIVE += ["/dev/pts/3", r"\\.\COM12"]
 FINISHED = ["demo", "sample:flex_sensor", r"C:\x.csv", "C:/COM3.csv", "COM3.csv", "socket.csv", ""]
 FINISHED += ["http://x/y.csv", "loop://x", "./serial", "/dev/null", "experiment:x", "a@9600"]
 
@@ -89,7 +86,6 @@ def test_a_port_streams_and_a_file_is_finished(spec, live):
         ("mqtts://ada:123/re@st@host/topic", "mqtts://ada:…@host/topic"),
         ("ssh://ada:123/rest@host/dev/ttyACM0@9600", "ssh://ada:…@host/dev/ttyACM0"),
         ("tcp://ada:123/rest@host:3333", "tcp://ada:…@host:3333"),
-        ("rfc2217://ada:123/rest@host:3333@9600", "rfc2217://ada:…@host:3333"),
     ],
 )
 def test_a_password_that_reads_as_a_port_is_refused_and_not_repeated(address, shown):

@@ -5,10 +5,8 @@ from __future__ import annotations
 import random
 import re
 import socket
-import threading
 import time
-from collections.abc import Callable, Iterator
-from contextlib import suppress
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -65,70 +63,42 @@ def listen(name: str, count: int, folder: Path) -> Seen:
     """Record the board of this name in this process, which must be a fresh one, and read what was recorded."""
     board = next(board for board in BOARDS if board.name == name)
     memory, busy = peak_mib(), busy_s()
-    sent = LineTally()
     path = folder / "board.csv"
     with socket.create_server(("127.0.0.1", 0)) as server:
-        sender = threading.Thread(target=serve, args=(server, board.send(count), sent), daemon=True)
-        sender.start()
         live = LiveSource(f"socket://127.0.0.1:{server.getsockname()[1]}")
         live.open()
         live.record(path)
         live.start()
-        # The last line may wait for what follows its \r.
-        wait_until(lambda: sent.is_good and live.status().received >= sent.ends - 1, "the lines of its fault")
-        sent.may_be_good.set()
-        wait_until(lambda: sent.is_over and live.status().received >= sent.ends, "all lines")
-        status, snapshot = live.status(), live.snapshot()
-        sent.may_leave.set()
-        live.close()
-        sender.join()
+        with server.accept()[0] as connection:
+            sent = send(connection, board.send(count))
+            # The last line may wait for what follows its \r.
+            wait_until(lambda: live.status().received >= sent - 1, "the lines of its fault")
+            sent += send(connection, (b"%d.25,%d.5\n" % (i % 9, i) for i in range(GOOD_ROWS)))
+            wait_until(lambda: live.status().received >= sent, "all lines")
+            status, snapshot = live.status(), live.snapshot()
+            live.close()
     shown = live.snapshot() or snapshot
     total = status.accepted + status.rejected + status.dropped
     outcome = (
-        f"{status.received - sent.ends} lines too many, {status.received - total} uncounted,"
+        f"{status.received - sent} lines too many, {status.received - total} uncounted,"
         f" {status.accepted} accepted, {status.rejected} rejected, {status.dropped} dropped,"
         f" {len(shown.recording.names) if shown else 0} channels; {outcome_of(path, None)}"
     )
     return Seen(outcome, peak_mib() - memory, busy_s() - busy)
 
 
-class LineTally:
-    """What was sent so far."""
-
-    def __init__(self) -> None:
-        self.ends = 0
-        self.is_good = self.is_over = False
-        """Whether the pieces, and whether all lines are sent."""
-        self.may_be_good, self.may_leave = threading.Event(), threading.Event()
-
-
-def serve(server: socket.socket, pieces: Iterator[bytes], sent: LineTally) -> None:
-    """Send the pieces, then, once it may be good, the good rows, as fast as they are taken."""
-    connection, _ = server.accept()
-    good = (b"%d.25,%d.5\n" % (i % 9, i) for i in range(GOOD_ROWS))
-    with suppress(OSError), connection:
-        held, last = bytearray(), b""
-        for piece in pieces:
-            held += piece
-            if len(held) > PIECE:
-                last = _send(connection, held, last, sent)
-        last = _send(connection, held, last, sent)
-        sent.is_good = True
-        sent.may_be_good.wait()
-        held += b"".join(good)
-        _send(connection, held, last, sent)
-        sent.is_over = True
-        sent.may_leave.wait()
-
-
-def _send(connection: socket.socket, held: bytearray, last: bytes, sent: LineTally) -> bytes:
-    """Send what is held; a \\n behind the \\r of the piece before ends no line."""
-    sent.ends += len(LINE_END.findall(held)) - (last == b"\r" and held.startswith(b"\n"))
+def send(connection: socket.socket, pieces: Iterable[bytes]) -> int:
+    """Send the pieces, and return how many lines end in them."""
+    held, last, ends = bytearray(), b"", 0
+    for piece in pieces:
+        ends += len(LINE_END.findall(piece)) - (last == b"\r" and piece.startswith(b"\n"))
+        held, last = held + piece, piece[-1:]
+        if len(held) > PIECE:
+            connection.sendall(held)
+            held.clear()
+            time.sleep(0.002)  # a board that pauses now and then: not a flood, which has tests of its own
     connection.sendall(held)
-    last = bytes(held[-1:])
-    held.clear()
-    time.sleep(0.002)  # a board that pauses now and then: not what a flood does, which has tests of its own
-    return last
+    return ends
 
 
 ESCAPES = b"\x1b]52;c;ZXZpbA==\x07\x1b[2J\x1b[31m1,2\x1b[0m\n"
@@ -136,9 +106,7 @@ MIB = 1024
 BOARDS = (
     Board("noise", noise, 100, 4_000, 40),
     Board("no end of a line, digits", endless(b"1"), MIB, 100 * MIB, 40),
-    Board("no end of a line, NULs", endless(b"\0"), MIB, 100 * MIB, 40),
     Board("lines of 1 MB", lines(lambda i: b"%d," % i + b"7," * 500_000 + b"\n"), 2, 50, 40),
-    Board("lines of 60 kB", lines(lambda i: b"%d," % i + b"7," * 30_000 + b"\n"), 8, 1000, 60),
     Board("a new label on each line", lines(b"label%d:1\n".__mod__), 1000, 100_000, 100),
     Board(
         "many labels on each line",
@@ -154,7 +122,6 @@ BOARDS = (
         5_000,
         100,
     ),
-    Board("headers without end", lines(b"temp%d,light,heat\n".__mod__), 1000, 100_000, 40),
     Board("a header above each row", lines(lambda i: b"n%d,m%d\n%d,%d\n" % (i, i, i, i + 1)), 60, 2_000, 60),
     Board(
         "a new program every 40 lines",
@@ -165,7 +132,6 @@ BOARDS = (
     ),
     Board("escape sequences", lines(lambda _: ESCAPES), 300, 20_000, 60),
     Board("carriage returns alone", lines(b"%d,1.5\r".__mod__), 1000, 300_000, 60),
-    Board("blank lines", lines(lambda _: b"\n"), 1000, 500_000, 40),
     Board("zeros between lines", lines(lambda _: bytes(30) + b"\n"), 1000, 150_000, 40),
     Board("open quotes and brackets", lines(lambda i: b'"[{(' * (i % 50) + b"1,2\n"), 1000, 100_000, 60),
     Board("JSON nested deep", lines(lambda _: b'{"a":' * 5000 + b"1" + b"}" * 5000 + b"\n"), 20, 200, 40),

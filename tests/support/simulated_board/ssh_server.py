@@ -29,8 +29,6 @@ MaxStartups 100
 """
 
 CLIENT = """
-Host impostor
-  HostKeyAlias impostor
 Host stranger
   HostKeyAlias stranger
 Host closed
@@ -63,7 +61,7 @@ class SshServer:
             subprocess.run(command, check=True)
         self.port = free_port()
         self._write("authorized_keys", self._public("key") + self._forced())
-        self._write("known_hosts", f"pi {self._public('host_key')}impostor {self._public('other_key')}")
+        self._write("known_hosts", f"pi {self._public('host_key')}")
         places = {"folder": self.folder, "port": self.port}
         self._write("ssh_config", CLIENT.format(**places))
         self._write("sshd_config", SERVER.format(**places))

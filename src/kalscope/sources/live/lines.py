@@ -25,17 +25,13 @@ _SILENCE = 0.3
 """Seconds without a byte after which a new line begins: a line is sent in one go."""
 _MAX_REJECTED_RUN = 32
 """Successive rejected lines after which the board is assumed to run another program."""
-_UNKNOWN_RUN = 8
-"""Lines of unknown layout that are sniffed together."""
-MAX_UNKNOWN_LINES = 32
-"""Most lines between two such attempts, and so the most that a board may send after noise before it is read: the
-first attempts follow each run, and each that finds nothing doubles the lines until the next."""
 _WINDOW = 2.0
 _ODD_SHARE = 0.25
 _MIN_BYTES_JUDGED = 16
 
 _ODD = bytes(set(range(256)) - set(range(32, 127)) - set(b"\t\r\n"))
 _NUMBER_MARKS = "0123456789+-.eE,;|[]() \t"
+_LINE_END = re.compile(rb"\r\n?|\n")
 _CELL_END = re.compile(r"[,;|\s]+")
 # What the ROM of an ESP chip prints before any program runs; some of it reads as name:value pairs.
 _BOOT_TEXT = re.compile(r"0x[0-9A-Fa-f]{2}|^ets [A-Z][a-z]{2} |^mode:[A-Z]+, clock div:")
@@ -69,13 +65,13 @@ class LiveLines:
         # No board prints a decimal comma; below a remark such as "Ready", 512,300 would look like one.
         self._parser = LineParser(replace(options, decimal=options.decimal or "."))
         self._may_prime = False  # the next bytes are the first of whole lines
+        self._last = b""  # byte
         self._skip = self._whole = False  # the next line may be half of one; it was sent after a silence
         self._opened = -math.inf
         self._boot = False
         self._fresh = False  # no sample since the opening
         self._recent: deque[str] = deque(maxlen=_MAX_REJECTED_RUN)
         self._names = ""
-        self._patience = _UNKNOWN_RUN
         self._window = (0.0, 0, 0)
 
     @property
@@ -94,22 +90,25 @@ class LiveLines:
         self._may_prime, self._fresh = not inside, True
         self._opened = at if inside else -math.inf
         self._window, self.wrong_baud = (at, 0, 0), False
-        self._patience = _UNKNOWN_RUN
 
     def interrupted(self) -> int:
         """The end of the line that was being received will not come: 1 if there is one, which is dropped."""
-        torn = int(self._parser.restart())
+        torn, self._last = int(self._parser.restart()), b""
         self.counts.received += torn
         self.counts.dropped += torn
         return torn
 
-    def overrun(self, count: int, last: bytes) -> None:
-        """So many lines were left out, including the one being received; `last` is the last byte of them."""
-        self._parser.restart(last)
-        self._skip, self._whole = last not in (b"\n", b"\r"), False
+    def overrun(self, data: bytes) -> int:
+        """These bytes were left out: how many lines end in them, the one that was being received included."""
+        cr = b"\r" if self._last == b"\r" else b""  # an LF after it ends no other line
+        count = len(_LINE_END.findall(cr + data)) - len(cr)
+        self._last = data[-1:]
+        self._parser.restart(self._last)
+        self._skip, self._whole = self._last not in (b"\n", b"\r"), False
         self.counts.received += count
         self.counts.dropped += count
         self.counts.overrun += count
+        return count
 
     def feed(self, received: BytesReceived) -> Iterator[LineEvent]:
         """The lines that are complete. Take them all before the next bytes."""
@@ -124,18 +123,19 @@ class LiveLines:
             elif self._boot:
                 self._skip, self._whole = True, False  # the board was reset inside this line
         parser.feed(received.data)
+        self._last = received.data[-1:]
         while (line := parser.next_text()) is not None:
-            trusted = self._is_trusted(line)
+            torn = self._is_torn(line)
+            trusted = not torn and not (self._boot and _BOOT_TEXT.search(line))
             event = parser.read(line, trusted=trusted)
+            event = LineEvent(event.number, "blank", "") if torn else event  # counted, and no more
             yield self._counted(self._judged(event) if trusted else event)
         self._check_for_noise(received, self.counts.accepted - rows)
 
-    def _is_trusted(self, line: str) -> bool:
-        """Whether a line is used; the first one is whole only after a silence, and never becomes a sample."""
-        if self._skip:
-            whole, self._skip = self._whole, False
-            return is_comment(line) or (whole and _are_names(line))
-        return not (self._boot and _BOOT_TEXT.search(line))
+    def _is_torn(self, line: str) -> bool:
+        """Whether it is a first line: it is whole only after a silence, and never becomes a sample."""
+        first, self._skip = self._skip, False
+        return first and not (is_comment(line) or (self._whole and _are_names(line)))
 
     def _judged(self, event: LineEvent) -> LineEvent:
         """A line as it is read where it may show another program; while a board starts, damage is boot text."""
@@ -179,13 +179,10 @@ class LiveLines:
             self._recent.clear()
             return None
         self._recent.append(text)
-        patience = _MAX_REJECTED_RUN if self.layout else self._patience
-        full = len(self._recent) >= patience
+        full = len(self._recent) == _MAX_REJECTED_RUN
         if not (names or full):
             return None
         head = [names, text] if names else list(self._recent)
-        if full and self.layout is None:
-            head, self._patience = head[-_UNKNOWN_RUN:], min(2 * patience, MAX_UNKNOWN_LINES)
         self._recent.clear()
         return self._parser.adopt_layout(head, named=fits)
 

@@ -71,10 +71,9 @@ class SampleStore:
     def widened(self, channels: int, keep: int) -> SampleStore:
         """A store of these rows with more channels, which have no values up to now; this one stays as it is."""
         time, values = self.views()
-        leave = max(self._used - keep, 0)
-        wider, missing = SampleStore(channels, keep), np.full((len(time), channels - values.shape[1]), np.nan)
-        wider.append(time[leave:], np.hstack([values, missing])[leave:])
-        wider.first = self.first + leave
+        wider, new = SampleStore(channels, keep), channels - values.shape[1]
+        wider.first = self.first
+        wider.append(time, np.pad(values, ((0, 0), (0, new)), constant_values=np.nan))
         return wider
 
     def views(self) -> tuple[Array, Array]:

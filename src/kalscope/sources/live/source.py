@@ -24,12 +24,12 @@ from typing import Self
 
 import numpy as np
 
-from kalscope.common.text import count, duration
+from kalscope.common.text import count
 from kalscope.errors import BadDevice, BadSetting
 from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
 from kalscope.sources.live.lines import LineCounts, LiveLines
 from kalscope.sources.live.samples import LiveSamples, Snapshot
-from kalscope.sources.port.reader import BytesReceived, Item, LinesDropped, Opened, PortReader, Word
+from kalscope.sources.port.reader import BytesReceived, Item, Opened, PortReader, Word
 from kalscope.sources.port.registry import PortSpec, port_of
 from kalscope.sources.reading.line_reader import LineEvent
 from kalscope.sources.recorder import Recorder, RecorderCounts, StampedLine
@@ -150,7 +150,7 @@ class CommandChannel:
 _RATE_OVER = 1.0
 """Seconds over which the lines per second are averaged at least, and half of those at most."""
 _SILENT_AFTER = 5.0
-"""Seconds after which a source that should send is reported as silent, and the step of that time."""
+"""Seconds after which a source that should send is reported as silent."""
 _MIN_LINES_JUDGED = 20
 """Lines among which one with numbers is expected."""
 
@@ -206,8 +206,7 @@ def hint_of(reader: PortReader, counts: LineCounts, *, noise: bool) -> str:
     if state.reason:
         return state.reason
     if check and seconds >= _SILENT_AFTER:
-        steps = int(seconds // _SILENT_AFTER)  # a running number distracts
-        return f"nothing has arrived for {duration(steps * _SILENT_AFTER)}: {check}"
+        return f"nothing has arrived for more than {_SILENT_AFTER:g} s: {check}"
     if noise:
         cause = f": is {reader.spec.baud} the right baud rate?" if reader.spec.transport.has_baud else ""
         return f"the data is not text{cause}"
@@ -237,6 +236,8 @@ class LineRate:
 # The source.
 
 
+MAX_WAITING_BYTES = 1 << 20
+"""Bytes that may wait to be parsed: 91 s of a port at 115200 baud. Beyond that lines are left out."""
 TICK = 0.1
 """Seconds without a line after which the second thread updates the recorder and the rate."""
 MAX_CLOSE_S = 0.5
@@ -289,7 +290,6 @@ class LiveSource:
         self._failure = ""
         self._disconnected_at: float | None = None
         self._line_at = -math.inf  # when the last whole line had arrived: a read may hold only part of one
-        self._recorder_lock = threading.Lock()  # lines wait while one is begun
         self.commands = CommandChannel(self._reader.write)
         """What is sent to the board, and its remarks."""
 
@@ -362,22 +362,20 @@ class LiveSource:
                 recording=recorder and RecordingStatus(recorder.paths[-1].name, recorder.counts, recorder.error),
             )
 
-    def record(self, path: str | os.PathLike[str], *, resume: bool = False) -> Recorder:
+    def record(self, path: str | os.PathLike[str]) -> Recorder:
         """Write every line from now on to a new file, raw, before it is shown.
 
         Args:
             path: The file.
-            resume: Continue an existing recording instead.
 
         Raises:
             BadSetting: a recording is active already.
-            BadFile: the file cannot be written, or exists already; to resume: it is not a recording.
+            BadFile: the file cannot be written, or exists already.
         """
-        with self._recorder_lock:
-            if self.recorder is not None:
-                raise BadSetting("a recording must be stopped before the next begins (got one that is running)")
-            self.recorder = Recorder(Path(path), self.spec.text, resume=resume, clock=self._clock)
-            return self.recorder
+        if self.recorder is not None:
+            raise BadSetting("a recording must be stopped before the next begins (got one that is running)")
+        self.recorder = Recorder(Path(path), self.spec.text, clock=self._clock)
+        return self.recorder
 
     def stop_recording(self) -> None:
         """End the recording and close its file; does nothing if none is active."""
@@ -413,24 +411,19 @@ class LiveSource:
                 if is_over:
                     return
                 continue
-            if is_late and isinstance(item, BytesReceived):
-                item = self._reader.left_out(item)  # there is no time for what still waits
             try:
-                self._handle(item)
+                self._handle(item, is_late=is_late)
             except Exception as error:  # the thread must go on: without it nothing would be read, nor said
                 self._failure = f"an error of Kalscope left lines out ({type(error).__name__}: {error})"
             with self._lock:
                 self._counts = replace(self._lines.counts)
 
-    def _handle(self, item: Item) -> None:
-        if isinstance(item, BytesReceived):
+    def _handle(self, item: Item, *, is_late: bool = False) -> None:
+        if isinstance(item, BytesReceived) and (is_late or self._reader.waiting > MAX_WAITING_BYTES):
+            self._leave_out(item, 0 if is_late else MAX_WAITING_BYTES // 2)
+        elif isinstance(item, BytesReceived):
             self._reader.taken += len(item.data)
             self._take(item)
-        elif isinstance(item, LinesDropped):
-            with self._lock:
-                self._lines.overrun(item.count, item.last)
-                self._samples.time.interrupt()
-            self._note_loss(item.count, "overrun", item.end - item.begin)
         elif isinstance(item, Opened):
             self._on_opened(item)
         else:
@@ -438,6 +431,25 @@ class LiveSource:
             self.commands.on_disconnected()
             if not self._samples.kept:  # else the rest of the line may follow
                 self._interrupt()
+
+    def _leave_out(self, item: BytesReceived, most: int) -> None:
+        """Leave out all that waits now but so many bytes: one gap, not a hundred."""
+        begin, end, data, following = item.begin, item.end, bytearray(), item
+        count = self._reader.waiting - most
+        while isinstance(following, BytesReceived):
+            end = following.end
+            data += following.data
+            self._reader.taken += len(following.data)
+            following = self._reader.items.get() if len(data) < count else None
+        cut = data.rfind(b"\n") + 1 or len(data)  # whole lines, so that the next one is not torn
+        with self._lock:
+            dropped = self._lines.overrun(bytes(data[:cut]))
+            self._samples.time.interrupt()
+        self._note_loss(dropped, "overrun", end - begin)
+        if rest := bytes(data[cut:]):
+            self._take(BytesReceived(rest, end, end, 0.0))
+        if following is not None:
+            self._handle(following)
 
     def _on_opened(self, event: Opened) -> None:
         self._line_at, lost_at, self._disconnected_at = event.at, self._disconnected_at, None
@@ -476,11 +488,9 @@ class LiveSource:
             self._counts = replace(self._lines.counts)
 
     def _write(self, stamped: list[StampedLine]) -> None:
-        with self._recorder_lock:
-            if self.recorder is not None:
-                self.recorder.write(stamped)
+        if recorder := self.recorder:
+            recorder.write(stamped)
 
     def _note_loss(self, lines: int, kind: str = "", seconds: float = 0.0) -> None:
-        with self._recorder_lock:
-            if self.recorder is not None:
-                self.recorder.lose(lines, kind, seconds)
+        if recorder := self.recorder:
+            recorder.lose(lines, kind, seconds)

@@ -1,14 +1,13 @@
 """Follows a file that grows; on the other machine of an ssh:// address it opens a serial port, too.
 
 `ssh.py` sends this text to a Python that the machine has: it imports nothing of Kalscope and keeps to Python 3.7.
-Standard input is lines: one of JSON that names what to open; then one for each piece to send to the board, in
-hexadecimal digits, and an empty one now and then, to show that the reader is there. Standard output is MARK, the
-position in the file, or DEVICE, on a line, and then the bytes as they arrive. Standard error says why nothing was
-opened.
+Standard input is a line of JSON that names what to open; then what is to be sent to the board, with a zero byte
+now and then that shows that the reader is there. Standard output is MARK, the position in the file, or DEVICE, on a
+line, and then the bytes as they arrive. Standard error says why nothing was opened.
 
-Python rather than stty and cat: it sets 250000 baud, locks the port, knows its place in a file, and gives a port up
-when nothing was received for MAX_SILENCE. A cat would hold it after the network has gone, and take half of the
-bytes from the next reader.
+Python rather than stty and cat: it locks the port, knows its place in a file, and ends when nothing was received
+for MAX_SILENCE. A cat would hold the port after the network has gone, and take half of the bytes from the next
+reader.
 """
 
 from __future__ import annotations
@@ -20,14 +19,13 @@ import os
 import select
 import stat
 import sys
-from typing import Any
 
 MARK = b"\0kalscope "
 """Precedes the first answer: what a login shell prints before it is skipped."""
 DEVICE = -1
 """The answer for a serial port, in place of a position."""
 MAX_SILENCE = 15
-"""Seconds without a line on standard input after which a port is given up."""
+"""Seconds without a byte on standard input after which a port is given up."""
 PIECE = 8_192
 """Bytes of one read of a file."""
 MAX_BEFORE = 64
@@ -35,7 +33,7 @@ MAX_BEFORE = 64
 _POLL = 0.1
 
 
-class Replaced(Exception):
+class Replaced(OSError):
     """The file was cut short, or another one has its name: it is to be read again, from its beginning."""
 
 
@@ -93,102 +91,70 @@ def moved(place: tuple[int, bytes], data: bytes) -> tuple[int, bytes]:
 
 
 def open_device(path: str, baud: int, reset: bool) -> int:
-    """A serial port: raw, 8N1, locked as pyserial locks one.
+    """A serial port of Linux: raw, 8N1, locked as pyserial locks one.
 
     Raises:
         OSError: It cannot be opened.
     """
     import fcntl
+    import subprocess
     import termios
-    import tty
 
     device = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
     try:
         fcntl.flock(device, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        tty.setraw(device)
-        settings = termios.tcgetattr(device)
-        settings[2] = (settings[2] & ~(termios.CSTOPB | termios.CRTSCTS)) | termios.CLOCAL | termios.CREAD
-        speed = getattr(termios, f"B{baud}", None)
-        settings[4] = settings[5] = termios.B38400 if speed is None else speed
-        termios.tcsetattr(device, termios.TCSANOW, settings)
-        if speed is None:
-            _set_odd_speed(device, baud)
-        if not reset:
-            low = (termios.TIOCM_DTR | termios.TIOCM_RTS).to_bytes(4, sys.byteorder)
-            with contextlib.suppress(OSError):  # a pseudo-terminal has no such lines
-                fcntl.ioctl(device, termios.TIOCMBIC, low)
-        termios.tcflush(device, termios.TCIFLUSH)
     except BlockingIOError:
         raise OSError(errno.EBUSY, "is in use by another program") from None
-    except termios.error as error:
-        raise OSError(error.args[0], "is not a serial port: " + error.args[1]) from None
+    settings = ["raw", "-echo", "-cstopb", "-crtscts", "clocal", "cread", str(baud)]
+    try:
+        subprocess.run(["stty", "-F", path, *settings], stderr=subprocess.PIPE, check=True)
+    except subprocess.CalledProcessError as error:
+        raise OSError(errno.ENOTTY, "must be a serial port: " + error.stderr.decode().split("\n")[0]) from None
+    if not reset:
+        low = (termios.TIOCM_DTR | termios.TIOCM_RTS).to_bytes(4, sys.byteorder)
+        with contextlib.suppress(OSError):  # a pseudo-terminal has no such lines
+            fcntl.ioctl(device, termios.TIOCMBIC, low)
+    termios.tcflush(device, termios.TCIFLUSH)
     os.set_blocking(device, True)
     return device
 
 
-def _set_odd_speed(device: int, baud: int) -> None:
-    """A baud rate without a constant of its own, such as 250000, by Linux's termios2."""
-    import array
-    import fcntl
-
-    words = array.array("i", [0] * 64)
-    fcntl.ioctl(device, 0x802C542A, words)
-    words[2] = (words[2] & ~0o10017) | 0o10000  # CBAUD, BOTHER
-    words[9] = words[10] = baud
-    fcntl.ioctl(device, 0x402C542B, words)
-
-
-def serve_device(request: dict[str, Any]) -> None:
-    """Pass bytes between a serial port and the reader until one of them is gone."""
+def serve(device: int, file: GrowingFile | None) -> None:
+    """Pass bytes between a serial port, or a file, and the reader until one of them is gone."""
     import signal
 
-    device = open_device(request["path"], request["baud"], request["reset"])
-    os.write(1, MARK + b"%d\n" % DEVICE)
-    rest = b""
+    os.write(1, MARK + b"%d\n" % (DEVICE if file is None else file.place[0]))
+    inputs, data = [0, device] if file is None else [0], b""
     signal.alarm(MAX_SILENCE)  # ends this program, also while a write waits
-    with contextlib.suppress(OSError):  # the board, or the reader, is gone
-        while True:
-            ready = select.select([0, device], [], [])[0]
-            if device in ready:
-                data = os.read(device, 4096)
-                if not data:
-                    return
-                os.write(1, data)
-            if 0 in ready:
-                data = os.read(0, 4096)
-                if not data:
-                    return
-                signal.alarm(MAX_SILENCE)
-                *lines, rest = (rest + data).split(b"\n")
-                os.write(device, b"".join(bytes.fromhex(line.decode("ascii")) for line in lines))
-
-
-def serve_file(request: dict[str, Any]) -> None:
-    """Send a file, and what is added to it, until the reader is gone or the file was replaced."""
-    file = GrowingFile(request["path"], (request["position"], bytes.fromhex(request["before"])))
-    os.write(1, MARK + b"%d\n" % file.place[0])
     while True:
-        data = file.read()
-        if data:
-            sys.stdout.buffer.write(data)
-            sys.stdout.buffer.flush()
-        elif select.select([0], [], [], _POLL)[0] and not os.read(0, 4096):
+        ready = select.select(inputs, [], [], 0 if data else _POLL)[0]
+        if 0 in ready:
+            sent = os.read(0, 4096)
+            if not sent:
+                return
+            signal.alarm(MAX_SILENCE)
+            if file is None:
+                os.write(device, sent.replace(b"\0", b""))
+        data = file.read() if file else os.read(device, PIECE) if device in ready else b""
+        if device in ready and not data:
             return
+        os.write(1, data)
 
 
 def main() -> None:
     """Do what the first line of standard input asks for."""
-    with open(0, "rb", buffering=0, closefd=False) as requests:  # unbuffered: what follows is for `serve_device`
+    with open(0, "rb", buffering=0, closefd=False) as requests:  # unbuffered: what follows is for the board
         request = json.loads(requests.readline())
-    path = request["path"]
-    request["path"] = os.path.expanduser(path) if path.startswith("~/") else path
+    path, device, file = os.path.expanduser(request["path"]), DEVICE, None
     try:
-        is_device = stat.S_ISCHR(os.stat(request["path"]).st_mode)
-        (serve_device if is_device else serve_file)(request)
-    except Replaced:
-        pass
+        if stat.S_ISCHR(os.stat(path).st_mode):
+            device = open_device(path, request["baud"], request["reset"])
+        else:
+            file = GrowingFile(path, (request["position"], bytes.fromhex(request["before"])))
     except OSError as error:
-        sys.exit(f"{path}: {error.strerror}")
+        sys.exit(f"{request['path']}: {error.strerror}")
+    with contextlib.suppress(OSError):  # the board, the reader, or the file is gone
+        serve(device, file)
 
 
 if __name__ == "__main__":

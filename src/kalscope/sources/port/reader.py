@@ -1,7 +1,7 @@
 """The reader thread of a port: it opens, reads, stamps and queues, and waits for a lost board to come back.
 
 It does nothing else, because bytes that it does not fetch in time are lost: the Windows driver holds 0.36 s of
-115200 baud. The consumer of its queue may take its time: what it cannot keep up with is left out line by line.
+115200 baud. The consumer of its queue may take its time, and leave out lines that it cannot keep up with.
 """
 
 from __future__ import annotations
@@ -10,10 +10,10 @@ import re
 import threading
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Generator, Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Generator
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from queue import Empty, SimpleQueue
+from queue import SimpleQueue
 from typing import TYPE_CHECKING, Literal
 
 from kalscope.errors import BadDevice, BadSetting
@@ -204,81 +204,18 @@ class Disconnected:
     """Monotonic time, s."""
 
 
-@dataclass(frozen=True)
-class LinesDropped:
-    """Lines were left out, because too many bytes waited."""
-
-    count: int
-    """How many ended, the one whose beginning was passed on included."""
-    begin: float
-    """Monotonic time of the first of their bytes, s."""
-    end: float
-    """Monotonic time of the last of their bytes, s."""
-    last: bytes
-    """Their last byte: the next bytes begin a line where it ends one."""
-
-
-Item = BytesReceived | Opened | LinesDropped | Disconnected
+Item = BytesReceived | Opened | Disconnected
 """What the thread queues."""
-
-
-# Lines that come faster than their consumer takes them are left out, and counted.
-
-
-MAX_WAITING_BYTES = 1 << 20
-"""Bytes that may wait for the consumer: 91 s of a port at 115200 baud. Beyond that lines are left out."""
-_LINE_END = re.compile(rb"\r\n?|\n")
-
-
-class LineCounter:
-    r"""Counts the lines of a stream that arrives in pieces, which end with \n, \r\n or \r."""
-
-    def __init__(self) -> None:
-        self._last = b""
-
-    def count(self, data: bytes) -> int:
-        r"""How many lines end in the next piece; a \n right after the \r of the piece before ends none."""
-        ends = len(_LINE_END.findall(self._last + data)) - len(self._last)
-        self._last = b"\r" if (data or self._last).endswith(b"\r") else b""
-        return ends
-
-
-class Overload:
-    """Leaves out what is read while too many bytes wait, until half of them are taken: one gap, not a hundred."""
-
-    def __init__(self) -> None:
-        self._lines = LineCounter()
-        self._gap: LinesDropped | None = None
-
-    def take(self, received: BytesReceived, waiting: int) -> Iterator[LinesDropped | BytesReceived]:
-        """What is passed on of the next bytes: all, after the gap that ends here if there is one, or nothing.
-
-        Args:
-            received: What was read.
-            waiting: Bytes that the consumer has not taken yet.
-        """
-        ends, gap = self._lines.count(received.data), self._gap
-        if waiting + len(received.data) <= (MAX_WAITING_BYTES if gap is None else MAX_WAITING_BYTES // 2):
-            yield from self.end()
-            yield received
-            return
-        begin, before = (received.begin, 0) if gap is None else (gap.begin, gap.count)
-        self._gap = LinesDropped(before + ends, begin, received.end, received.data[-1:])
-
-    def end(self) -> Iterator[LinesDropped]:
-        """The gap that is still open, if there is one: nothing follows."""
-        gap, self._gap = self._gap, None
-        if gap is not None:
-            yield gap
 
 
 # The thread.
 
 
-MIN_RETRY_DELAY, MAX_RETRY_DELAY = 0.25, 2.0
-"""Seconds between two attempts to reopen the port: the delay doubles from the first to the second."""
-_KEPT_BYTES, _KEPT_PAUSE = 1 << 17, 0.01
-"""Bytes that wait for the consumer where the other side can keep the rest, and seconds until it is asked again."""
+RETRY_DELAY = 1.0
+"""Seconds between two attempts to reopen the port."""
+_KEPT_BYTES, _MOST_BYTES, _PAUSE = 1 << 17, 1 << 23, 0.01
+"""Bytes that may wait for the consumer where the other side keeps the rest, and elsewhere (12 minutes of 115200
+baud), and seconds until the port is read again."""
 
 
 class PortReader:
@@ -362,26 +299,17 @@ class PortReader:
             with _one_sentence(f"{self.state.device} accepts no data"):
                 self.port.write(data)
 
-    def left_out(self, item: Item) -> LinesDropped:
-        """An event, and all that follow it in the queue, as lines that are left out."""
-        lines, dropped, last, at = LineCounter(), 0, b"", self.clock.monotonic()
-        with suppress(Empty):
-            while True:
-                if isinstance(item, BytesReceived):
-                    dropped, last = dropped + lines.count(item.data), item.data[-1:]
-                    self.taken += len(item.data)
-                elif isinstance(item, LinesDropped):
-                    dropped, last = dropped + item.count, item.last
-                item = self.items.get_nowait()
-        return LinesDropped(dropped, at, at, last)
+    @property
+    def waiting(self) -> int:
+        """Bytes that the consumer has not taken yet."""
+        return self._queued - self.taken
 
     def _run(self, port: OpenPort | None, stop: threading.Event) -> None:
-        delay, waits = MIN_RETRY_DELAY, port is not None or not stop.is_set()
+        waits = port is not None or not stop.is_set()
         while waits:
             reason = ""
             try:
                 port = port or self._opened(stop)
-                delay = MIN_RETRY_DELAY
                 self._read(port, stop)
             except BadDevice as error:
                 reason = "" if stop.is_set() else str(error)
@@ -392,9 +320,7 @@ class PortReader:
                 # After the state has changed, so that the consumer finds there why the board is gone.
                 self.items.put(Disconnected(self.clock.monotonic()))
                 port = None
-            if waits:
-                stop.wait(delay)
-                waits, delay = not stop.is_set(), min(2 * delay, MAX_RETRY_DELAY)
+            waits = waits and not stop.wait(RETRY_DELAY)
 
     def _opened(self, stop: threading.Event) -> OpenPort:
         """Open the port and queue the event."""
@@ -414,13 +340,13 @@ class PortReader:
 
     def _read(self, port: OpenPort, stop: threading.Event) -> None:
         """Read until `stop`; then close the port. Raises BadDevice where the board is lost."""
-        clock, overload, silence = self.clock.monotonic, Overload(), 0.0
+        clock, silence = self.clock.monotonic, 0.0
         before = now = clock()
         check = f": {port.when_lost}" if port.when_lost else ""
         try:
             while not stop.is_set():
-                if port.keeps and self._queued - self.taken > _KEPT_BYTES:
-                    stop.wait(_KEPT_PAUSE)
+                if self.waiting > (_KEPT_BYTES if port.keeps else _MOST_BYTES):
+                    stop.wait(_PAUSE)
                     continue
                 due = now + READ_TIMEOUT
                 with _one_sentence(f"{self.state.device} was lost", check):
@@ -433,13 +359,10 @@ class PortReader:
                     silence = min(silence + READ_TIMEOUT, now - before)
                     continue
                 self.received_at = now
-                for item in overload.take(BytesReceived(data, before, now, silence), self._queued - self.taken):
-                    self._queued += len(item.data) if isinstance(item, BytesReceived) else 0
-                    self.items.put(item)
+                self._queued += len(data)
+                self.items.put(BytesReceived(data, before, now, silence))
                 before, silence = now, 0.0
         finally:
-            for gap in overload.end():
-                self.items.put(gap)
             with self._write_lock:
                 self.port = None
             port.close()

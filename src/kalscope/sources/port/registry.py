@@ -36,17 +36,11 @@ def transport_of(text: str) -> type[OpenPort]:
     return found or SerialPort
 
 
-def address_examples() -> str:
-    """Addresses of all kinds that users type, for help texts."""
-    examples = (
-        "/dev/ttyACM0 or COM3@9600",
-        "rfc2217://host:port",
-        "ssh://host/dev/ttyACM0@115200",
-        "tcp://host:port",
-    )
-    return ", ".join(
-        f'"{address}"' for address in (*examples, "udp://:47269", "mqtt://broker/topic", "file:log.csv")
-    )
+ADDRESS_EXAMPLES = (
+    '"/dev/ttyACM0 or COM3@9600", "ssh://host/dev/ttyACM0@115200", "tcp://host:port",'
+    ' "udp://:47269", "mqtt://broker/topic", "file:log.csv"'
+)
+"""Addresses of all kinds that users type, for help texts."""
 
 
 # Names of ports as users type them. Nothing is opened.
@@ -88,7 +82,7 @@ class PortSpec:
     @property
     def text(self) -> str:
         """What `port_of` reads back: "serial:PORT@BAUD", or the address."""
-        if "://" not in self.url and self.transport is SerialPort:
+        if self.transport is SerialPort:
             return f"{_SERIAL}{self.url}@{self.baud}"
         return self.url if self.baud == DEFAULT_BAUD else f"{self.url}@{self.baud}"
 
@@ -104,7 +98,7 @@ def port_of(text: str, *, default_baud: str = str(DEFAULT_BAUD), reset: bool = T
 
     Args:
         text: "serial:PORT@BAUD", "serial:PORT", "PORT@BAUD", "PORT" (115200 baud), "tcp://host:port",
-            "rfc2217://host:port", "rfc2217://host:port@BAUD".
+            "ssh://host/path@BAUD".
         default_baud: The baud rate where the address names none.
         reset: See PortSpec.
 
@@ -117,10 +111,6 @@ def port_of(text: str, *, default_baud: str = str(DEFAULT_BAUD), reset: bool = T
     url, baud = _split_baud(address) if transport_of(address).has_baud else (address, str(DEFAULT_BAUD))
     baud = default_baud if baud is None else baud
     if not (baud.isascii() and baud.isdecimal()):
-        try:
-            PortSpec(url)
-        except BadSetting:
-            PortSpec(address)  # the whole one, since a message hides the password of a whole address only
         raise BadSetting(f"baud rate must be a whole number, as in COM3@9600 (got {baud!r} in {quoted(text)})")
     return PortSpec(url, int(baud[:10]), reset)  # more digits are too many in any case
 

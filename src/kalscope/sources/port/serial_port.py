@@ -101,7 +101,7 @@ class SocketPort(OpenPort):
         self._socket.close()
 
 
-# Serial ports, and rfc2217://host:port. Wraps pyserial and works around its pitfalls.
+# Serial ports. Wraps pyserial and works around its pitfalls.
 
 
 WRITE_TIMEOUT = 2.0
@@ -121,7 +121,7 @@ def new_port(device: str, **settings: Any) -> Any:
     import serial
 
     # A lock that other careful programs respect. Windows locks without being asked.
-    lock = None if "://" in device or sys.platform == "win32" else True
+    lock = None if sys.platform == "win32" else True
     return serial.serial_for_url(device, do_not_open=True, exclusive=lock, **settings)
 
 
@@ -140,9 +140,9 @@ def open_failure(device: str, baud: int, error: BaseException) -> str:
 
 
 class SerialPort(OpenPort):
-    """A serial port of this computer, under whatever name its board has now, or a URL of pyserial."""
+    """A serial port of this computer, under whatever name its board has now."""
 
-    prefixes = ("serial:", "rfc2217://")
+    prefixes = ("serial:",)
     has_baud = True
     when_lost = "was the board unplugged, or does another program read this port?"
 
@@ -150,7 +150,7 @@ class SerialPort(OpenPort):
         """Open it; see OpenPort."""
         del is_ended  # a driver opens at once
         self.serial_number: str = last.serial_number if isinstance(last, SerialPort) else ""
-        listed = () if "://" in spec.url else list_ports()
+        listed = list_ports()
         same = [info.device for info in listed if info.serial_number == self.serial_number != ""]
         self.device = same[0] if same and os.path.realpath(spec.url) not in same else spec.url
         self._port: Any = None
@@ -170,11 +170,6 @@ class SerialPort(OpenPort):
         found = [info.serial_number for info in listed if info.device in paths]
         self.serial_number = found[0] if found else self.serial_number
 
-    @staticmethod
-    def check(address: str) -> object:
-        """A path may be anything; see OpenPort."""
-        return host_and_port(address) if "://" in address else None
-
     def fetch(self) -> bytes:
         """Bytes that have arrived; see OpenPort."""
         # Never more than is there: a read that waits for the rest loses it all if the board is lost.
@@ -186,11 +181,5 @@ class SerialPort(OpenPort):
 
     def close(self) -> None:
         """Release the port."""
-        port, self._port = self._port, None
-        if port is None:
-            return
-        connection = getattr(port, "_socket", None)
-        with suppress(Exception):  # the port is gone with the board
-            port.close()
-        if connection is not None:
-            connection.close()  # pyserial forgets to, where the other side was faster
+        with suppress(Exception):  # the port is gone with the board, or was never made
+            self._port.close()

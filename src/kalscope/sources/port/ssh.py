@@ -37,7 +37,7 @@ FILE_PREFIX = "file:"
 """How the address of a file that is followed begins."""
 
 
-class FilePort(OpenPort):
+class FilePort(GrowingFile, OpenPort):
     """A file that is read as it grows. It continues where the last one ended, or at its beginning if replaced."""
 
     prefixes = (FILE_PREFIX,)
@@ -47,8 +47,8 @@ class FilePort(OpenPort):
         """Open the file; see OpenPort."""
         del is_ended  # a file opens at once
         self.device = spec.url[len(FILE_PREFIX) :]
-        self.file = GrowingFile(self.device, last.file.place if isinstance(last, FilePort) else (0, b""))
-        self.starts = "where it stopped" if self.file.place[0] else "at a line"
+        super().__init__(self.device, last.place if isinstance(last, FilePort) else (0, b""))
+        self.starts = "where it stopped" if self.place[0] else "at a line"
 
     @staticmethod
     def check(address: str) -> object:
@@ -58,14 +58,10 @@ class FilePort(OpenPort):
 
     def fetch(self) -> bytes:
         """Bytes that were added; see OpenPort."""
-        data = self.file.read()
+        data = self.read()
         if not data:
             time.sleep(READ_TIMEOUT)
         return data
-
-    def close(self) -> None:
-        """Close the file."""
-        self.file.close()
 
 
 # ssh://host/path.
@@ -81,7 +77,7 @@ ControlMaster=no ClearAllForwardings=yes ForwardAgent=no ForwardX11=no PermitLoc
 """  # ControlMaster would outlive this program; one that runs already is used
 OPTIONS = ("-T", "-enone", *(f"-o{setting}" for setting in _SETTINGS.split()))
 _ALIVE_EVERY = 3.0
-"""Seconds between two keep-alive lines; far_side.MAX_SILENCE is five times as long."""
+"""Seconds between two keep-alive bytes; far_side.MAX_SILENCE is five times as long."""
 _MAX_GREETING = 1 << 16
 """Bytes that a login shell may print before the first answer."""
 _MAX_WAITING = 64
@@ -219,7 +215,7 @@ class SshPort(OpenPort):
         now = time.monotonic()
         if now - self._alive_at > _ALIVE_EVERY:
             self._alive_at = now
-            self._send(b"\n")
+            self._send(b"\0")
         data, self._unread = self._unread, b""
         if not data:
             try:
@@ -243,18 +239,17 @@ class SshPort(OpenPort):
         """Send to the board."""
         if self.keeps:
             super().write(data)
-        self._send(data.hex().encode("ascii") + b"\n")
+        self._send(data)
 
     def close(self) -> None:
         """End ssh and what it runs on the other machine, which ends with its standard input."""
         with suppress(OSError):
             cast("IO[bytes]", self._ssh.stdin).close()
         self._ssh.terminate()
-        try:
+        with suppress(subprocess.TimeoutExpired):
             self._ssh.wait(_END_S)
-        except subprocess.TimeoutExpired:
-            self._ssh.kill()
-            self._ssh.wait()
+        self._ssh.kill()
+        self._ssh.wait()
         with suppress(Empty):
             while True:  # the thread may wait for room
                 self._pieces.get_nowait()

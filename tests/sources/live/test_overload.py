@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from kalscope.sources.grammar.read_options import ReadOptions
 from kalscope.sources.live.lines import LiveLines
-from kalscope.sources.port import reader as events
-from kalscope.sources.port.reader import BytesReceived, LinesDropped, Overload
+from kalscope.sources.port.reader import BytesReceived
 
 ENDS = st.lists(st.sampled_from([b"\n", b"\r\n", b"\r"]), min_size=1, max_size=40)
 
@@ -22,21 +20,15 @@ def test_every_line_is_read_whole_or_counted(ends, sizes, data):
     lines, rows = LiveLines(ReadOptions()), []
     lines.opened(0.0, "at a line")
 
-    def consume(items):
-        for item in items:
-            if isinstance(item, LinesDropped):
-                lines.overrun(item.count, item.last)
-            else:
-                rows.extend(event.rows[0][0] for event in lines.feed(item) if event.kind == "row")
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(events, "MAX_WAITING_BYTES", 40)
-        gate, at = Overload(), 0
-        for i in range(len(stream)):
-            piece, at = stream[at : at + sizes[i % len(sizes)]], at + sizes[i % len(sizes)]
-            if piece:
-                consume(gate.take(BytesReceived(piece, i, i + 1, 0.0), data.draw(st.sampled_from([0, 25, 60]))))
-        consume(gate.end())
+    at, cut = 0, 0
+    while at < len(stream):
+        piece = stream[at : at + sizes[cut % len(sizes)]]
+        at, cut = at + len(piece), cut + 1
+        if data.draw(st.booleans()):
+            lines.overrun(piece)
+        else:
+            received = BytesReceived(piece, cut, cut + 1, 0.0)
+            rows += [event.rows[0][0] for event in lines.feed(received) if event.kind == "row"]
     assert rows == sorted(set(rows) & set(sent))
     counts = lines.counts
     assert counts.received == len(sent)
