@@ -52,9 +52,9 @@ def taken(monkeypatch):
 
     class Spy(BlockParser):
         def parse(self, data, at, end):
-            rows = super().parse(data, at, end)
-            blocks.extend([len(rows.values)] if len(rows.values) else [])
-            return rows
+            rows, stop = super().parse(data, at, end)
+            blocks.extend([len(rows)] if len(rows) else [])
+            return rows, stop
 
     monkeypatch.setattr(csv_rows, "BlockParser", Spy)
     return blocks
@@ -65,9 +65,9 @@ def parsed(layout, lines):
     data = "".join(lines).encode()
     parse = block_parser(layout, DEFAULTS)
     assert parse is not None
-    rows = parse.parse(data, 0, len(data))
-    assert rows.end == sum(len(line.encode()) for line in lines[: len(rows.values)])
-    return rows.values.tolist()
+    rows, end = parse.parse(data, 0, len(data))
+    assert end == sum(len(line.encode()) for line in lines[: len(rows)])
+    return rows.tolist()
 
 
 def reading(path, options):

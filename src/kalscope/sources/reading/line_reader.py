@@ -204,7 +204,10 @@ class LineReader:
                 raise _Fault("must have a readable time stamp")
             values[layout.time.index] = stamp
         if self._series:
-            values[self._series[0]] = self._number_of(tuple(cells[i] for i in self._series))
+            name = tuple(cells[i] for i in self._series)
+            if name not in self.series and len(self.series) >= MAX_SERIES:
+                raise _Fault(f"must be of one of the first {MAX_SERIES} names")
+            values[self._series[0]] = self.series.setdefault(name, len(self.series))
         for i in self._channels:
             cell = cells[i].lower()
             if cell in self._silent:
@@ -216,14 +219,9 @@ class LineReader:
             elif cell in self._words[i]:
                 missing.append(cells[i])
             else:
-                name = layout.columns[i].name
-                issues.append(LineIssue(number, "must be a number", cells[i][:MAX_ISSUE_LENGTH], name))
+                text = cells[i][:MAX_ISSUE_LENGTH]
+                issues.append(LineIssue(number, "must be a number", text, layout.columns[i].name))
         return tuple(values)
-
-    def _number_of(self, name: tuple[str, ...]) -> int:
-        if name not in self.series and len(self.series) >= MAX_SERIES:
-            raise _Fault(f"must be of one of the first {MAX_SERIES} names")
-        return self.series.setdefault(name, len(self.series))
 
     def _whole(self, cells: list[str]) -> list[str]:
         """The cells of a row, one per column: an extra separator at the end removed, missing last cells added.

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import NamedTuple, TextIO
+from typing import TextIO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,15 +34,6 @@ _MAX_ROUNDED = 1024
 """Numbers of more digits than the loops hold that are read again at once."""
 
 
-class PlainRows(NamedTuple):
-    """The plain rows at one place."""
-
-    values: Array
-    """Numbers, shape (rows, columns), NaN where missing or not read; overwritten by the next call."""
-    end: int
-    """The place after them."""
-
-
 class BlockParser:
     """Reads plain rows of one layout.
 
@@ -63,20 +54,23 @@ class BlockParser:
         self._out = np.empty((max(16, _MAX_NUMBERS // width), width))
         self._rounded = np.zeros((max(_MAX_ROUNDED, width + 1), 4), dtype=np.int64)
 
-    def parse(self, data: bytes, at: int, end: int) -> PlainRows:
-        r"""The plain rows from `at` on, none where the first line is not plain.
+    def parse(self, data: bytes, at: int, end: int) -> tuple[Array, int]:
+        r"""The plain rows from `at` on, none where the first line is not plain, and the place after them.
 
         Args:
             data: Lines, UTF-8, each with "\n" at its end, up to `end`.
             at: Where the first begins.
             end: Where the last ends.
+
+        Returns:
+            Numbers, shape (rows, columns), NaN where missing or not read, overwritten by the next call; the place.
         """
         lines: NDArray[np.uint8] = np.frombuffer(data, dtype=np.uint8, count=end)
         out = self._out
         rows, stop, again = read_plain_rows(lines, at, self._form, out, self._rounded)
         for row, column, first, last in self._rounded[:again].tolist():
             out[row, column] = float(data[first:last].decode().replace(self._decimal, "."))
-        return PlainRows(out[:rows], stop)
+        return out[:rows], stop
 
 
 def block_parser(layout: Layout, options: ReadOptions) -> BlockParser | None:
@@ -251,13 +245,12 @@ class _TableReader:
         slow = 1
         while at < end:
             if self._plain is not None:
-                rows = self._plain.parse(data, at, end)
-                slow = min(2 * slow, MAX_SLOW)
-                if len(rows.values):
-                    slow, at = 1, rows.end
-                    self._number += len(rows.values)
-                    self.tally.lines["row"] += len(rows.values)
-                    self._rows.extend(rows.values)
+                rows, at = self._plain.parse(data, at, end)
+                slow = 1 if len(rows) else min(2 * slow, MAX_SLOW)
+                self._number += len(rows)
+                self.tally.lines["row"] += len(rows)
+                if len(rows):
+                    self._rows.extend(rows)
             for _ in range(slow):
                 if at < end:
                     line, at = _line_at(data, at)
