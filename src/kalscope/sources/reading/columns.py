@@ -357,8 +357,9 @@ def column_type(cells: Sequence[str], kinds: CellKinds) -> ColumnType:
     stamps, texts = counts["stamp"], counts["text"]
     if not numbers + stamps + texts:
         return ColumnType("empty")
-    if texts >= _MIN_REPEATED and _are_hexadecimal(cells):
-        return ColumnType("text")
+    is_even = texts >= _MIN_REPEATED and len({len(cell) for cell in cells}) == 1
+    if is_even and all(map(_HEXADECIMAL.fullmatch, cells)):
+        return ColumnType("text")  # 4E, 1f03, 0x1A: those without a letter are no decimal numbers
     if numbers >= _MIN_REPEATED and texts >= _MIN_REPEATED and not stamps:
         said = {cell.lower() for cell in cells if kinds[cell] == "text"}
         if len(said) == 1 and texts <= numbers:
@@ -366,11 +367,6 @@ def column_type(cells: Sequence[str], kinds: CellKinds) -> ColumnType:
     if numbers >= max(stamps, texts):
         return ColumnType("number", numbers, measured)
     return ColumnType("stamp" if stamps >= texts else "text", numbers)
-
-
-def _are_hexadecimal(cells: Sequence[str]) -> bool:
-    """True for words of one length such as 4E, 1f03, 0x1A: those without a letter are no decimal numbers."""
-    return len({len(cell) for cell in cells}) == 1 and all(map(_HEXADECIMAL.fullmatch, cells))
 
 
 def number_form(

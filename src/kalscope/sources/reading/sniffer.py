@@ -59,7 +59,7 @@ from kalscope.sources.reading.table import (
     marked_begin,
     weigh,
 )
-from kalscope.sources.reading.time_columns import chosen_time, find_time, time_name
+from kalscope.sources.reading.time_columns import chosen_time, find_time, is_since_1970, time_name
 
 # Labels that come in turn, one or a few per line: `Temp: 21.5`, then `Hum: 40`, then the next `Temp`.
 
@@ -142,8 +142,6 @@ def explain_doubt(name: str, form: NumberForm, rival: NumberForm, cells: Sequenc
 
 _COMMENT_NAME_LENGTH, _COMMENT_NAME_WORDS = 40, 3
 _MIN_CODE_ROWS = 20
-_SINCE_1970 = 1e9
-"""A first column that begins beyond this, in s, holds stamps, which may have no name."""
 _MAX_HEADER_PLACE, _MAX_HEADER_LENGTH = 50, 4000
 """Lines of the head that are looked at for settings and for names that break, and their length."""
 
@@ -303,8 +301,8 @@ def _named(row: Row, table: HeadTable, body: Body) -> tuple[list[Column], list[s
     if more <= 0:
         names = (*cells, *[""] * trailing)[:width]
         return list(map(named_column, names)), notes[: 1 + any(cells[width:])]
-    since = parse_number(body.rows[0][1][0], table.form.decimal) or 0.0
-    is_dated = body.types[0].kind == "stamp" or since > _SINCE_1970
+    since = np.array([parse_number(body.rows[0][1][0], table.form.decimal) or 0.0])
+    is_dated = body.types[0].kind == "stamp" or is_since_1970(since)
     if len(cells) == width - 1 and is_dated and not time_name(named_column(cells[0])).strength:
         return [Column(""), *map(named_column, cells)], notes
     if len(cells) == width - 1 and _are_row_names(cells[0], body):
@@ -323,7 +321,8 @@ def _are_row_names(first: str, body: Body) -> bool:
 
 def _commented_header(head: Sequence[str], table: HeadTable, body: Body, kinds: CellKinds) -> Row | None:
     """The last comment above the data where it is a list of names, as `# time ax ay` of numpy.savetxt."""
-    number = next((number for number in range(body.first - 1, 0, -1) if _is_remark(head[number - 1])), 0)
+    above = range(body.first - 1, 0, -1)
+    number = next((i for i in above if is_comment(head[i - 1]) and head[i - 1].strip(" \t#%/")), 0)
     row = _row(head, number, table) if table.width > 1 else None
     names = row[1] if row else ()
     while len(names) > 1 and not names[-1]:
@@ -331,10 +330,6 @@ def _commented_header(head: Sequence[str], table: HeadTable, body: Body, kinds: 
     full = 0 < len(names) <= table.width and all(kind.kind == "empty" for kind in body.types[len(names) :])
     numeric = any(kinds[name] in ("number", "stamp", "missing") for name in names)
     return (number, names) if full and not numeric and all(map(_is_name, names)) else None
-
-
-def _is_remark(line: str) -> bool:
-    return is_comment(line) and line.strip(" \t#%/") != ""
 
 
 def _is_name(text: str) -> bool:
