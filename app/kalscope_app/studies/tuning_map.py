@@ -15,8 +15,7 @@ from kalscope.estimation.fit import estimate
 from kalscope.estimation.likelihood import Profile, likelihood_contour, loglik_map
 from kalscope.estimation.momentum import likelihood_profile
 from kalscope.estimation.result import Estimate
-from kalscope.filtering.params import FilterParams
-from kalscope.filtering.steady import ratio_for, steady_state
+from kalscope.filtering.steady import ratio_for
 from kalscope_app.engine.filter_runs import Cache
 from kalscope_app.session.state import OpenFleet, State, loss_text
 
@@ -75,6 +74,11 @@ class MapFrame:
         q, r = point
         return min(max(q, self.q[0]), self.q[1]), min(max(r, self.r[0]), self.r[1])
 
+    def share(self, top: float, bottom: float) -> tuple[float, float, float, float]:
+        """A strip as wide as the map from `top` to `bottom`, pixels: left, bottom, width, height in shares."""
+        left, up = self.left / self.width, 1.0 - bottom / self.height
+        return left, up, self.right / self.width - left, (bottom - top) / self.height
+
     def inside(self, pixel: Point) -> bool:
         """Whether a pixel lies in the rectangle or on its edge."""
         return self.left <= pixel[0] <= self.right and self.top <= pixel[1] <= self.bottom
@@ -91,45 +95,23 @@ LEGEND_HEIGHT = 258.0
 """Pixels under the map: numbers, name of the axis, colour bar, legend, a sentence."""
 
 
-@dataclass(frozen=True)
-class Diagonal:
-    """A line q/r = const across the map."""
+def lag_lines(frame: MapFrame, sample: float) -> list[tuple[float, Point]]:
+    """The lags in samples of 1, 3, 10, 30 … units whose line q/r crosses the map, and the exponents where it leaves.
 
-    start: Point
-    """Pixel where it enters, at the left or the bottom edge."""
-    end: Point
-    """Pixel where it leaves, at the top or the right edge."""
-    lag: float
-    """Lag on a ramp, samples."""
-
-
-def diagonal(frame: MapFrame, ratio: float) -> Diagonal | None:
-    """The line q/r = `ratio` > 0 inside the rectangle; None if it misses it."""
-    shift = math.log10(ratio)  # log q − log r
-    first, last = max(frame.q[0], frame.r[0] + shift), min(frame.q[1], frame.r[1] + shift)
-    if first >= last:
-        return None
-    start, end = (frame.pixel((q, q - shift)) for q in (first, last))
-    params = FilterParams(q=ratio, r=1.0, momentum=frame.momentum)
-    return Diagonal(start, end, steady_state(params).lag_samples)
-
-
-def lag_lines(frame: MapFrame, sample: float) -> list[Diagonal]:
-    """Lines of equal lag at 1, 3, 10, 30 … units, those that cross the map; `sample`: units in one sample.
-
-    A map of very many decades has fewer of them: 1, 1000, 1e6 …
+    A map of very many decades has fewer of them: 1, 1000, 1e6 … `sample` is a sample's length in units.
     """
     lowest = math.floor(math.log10(NO_FILTERING * sample))
     highest = math.ceil(0.5 * (frame.r[1] - frame.q[0]) + math.log10(sample))
     step = max(1, math.ceil((highest - lowest) / MAX_DECADES))
-    lines: list[Diagonal] = []
+    lines: list[tuple[float, Point]] = []
     for decade in range(lowest, highest + 1, step):
         for lead in (1.0, 3.0) if step == 1 else (1.0,):
             lag = lead * 10.0**decade / sample
             ratio = ratio_for(lag_samples=lag, momentum=frame.momentum) if lag >= NO_FILTERING else 0.0
-            line = diagonal(frame, ratio) if ratio > 0.0 else None
-            if line is not None:
-                lines.append(line)
+            shift = math.log10(ratio) if ratio > 0.0 else math.inf  # log q − log r
+            end = min(frame.q[1], frame.r[1] + shift)
+            if max(frame.q[0], frame.r[0] + shift) < end:
+                lines.append((lag, (end, end - shift)))
     return lines
 
 
@@ -313,9 +295,9 @@ class Scan:
     """Momentum of every pair, samples."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class TuningMap:
-    """What is drawn in the middle of the screen."""
+    """What is drawn in the middle of the screen; compared by identity."""
 
     q: Range
     """Exponents of q at the left and the right edge."""

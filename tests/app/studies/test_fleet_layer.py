@@ -16,8 +16,9 @@ from kalscope_app.session.changes import open_fleet, pick_device
 from kalscope_app.session.opening import opened
 from kalscope_app.session.state import MAX_ROWS, OpenFleet
 from kalscope_app.studies.tuning_map import CELLS, MapMaker, fleet_layer, frame_for
+from kalscope_app.views.charts import DARK, LIGHT
 from kalscope_app.views.fleet import device_labels, fleet_table
-from kalscope_app.views.map import DARK_MAP, LIGHT_MAP, SHARPNESS, SIZE, draw_map_picture, picture_input
+from kalscope_app.views.map import SHARPNESS, SIZE, draw_map_picture, picture_input
 
 RANGES = (-6, 2), (-4, 2)
 
@@ -97,7 +98,7 @@ def map_of(fleet):
 def test_the_picture_has_a_point_in_its_colour_where_the_device_is(dark):
     state, shown, frame = map_of(fleet_of([1e-4, 0.3], [0.1, 0.1], growth=[0.0, 0.5]))
     picture = draw_map_picture(picture_input(state.with_view(dark=dark), shown, frame))
-    palette = DARK_MAP if dark else LIGHT_MAP
+    palette = DARK if dark else LIGHT
     for (q, r), kind in ((-4.0, -1.0), 0), ((np.log10(0.3), -1.0), 2):
         x, y = (round(SHARPNESS * at) for at in frame.pixel((q, r)))
         colour = palette.devices[kind]

