@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -67,8 +68,15 @@ def test_a_fleet_is_listed_and_its_devices_open_from_the_table_and_the_map(scree
     page = screen.page
     assert page.get_by_text("sort by").count() == 0
     open_folder(screen, folder)
-    page.get_by_text(re.compile(r"13 rows: 12 with q and r, 1 failed\.")).wait_for()
+    page.get_by_text(re.compile(r"13 rows: 12 with q and r, 1 failed")).wait_for()
     assert "dev03.csv" in page.locator("table", has_text="device").locator("tr").nth(1).inner_text()
+    for name, first in ("CSV", b'"id","channel"'), ("page", b"<!doctype html>"):
+        with page.expect_download() as download:
+            page.get_by_role("button", name=f"Download {name}").click()
+        content = Path(download.value.path()).read_bytes()
+        assert content.startswith(first)
+        assert all(f"dev{i:02d}.csv".encode() in content for i in range(12))
+    assert b"13 rows: 12 with q and r, 1 failed" in content
     sheet = page.locator(".kalscope-map > div")
     sheet.wait_for()
     screen.shot("fleet-open")

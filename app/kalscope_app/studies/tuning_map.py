@@ -96,7 +96,7 @@ LEGEND_HEIGHT = 258.0
 
 
 def lag_lines(frame: MapFrame, sample: float) -> list[tuple[float, Point]]:
-    """The lags in samples of 1, 3, 10, 30 … units whose line q/r crosses the map, and the exponents where it leaves.
+    """Lags in samples of 1, 3, 10, 30 … units whose line q/r crosses the map, and the exponents where it leaves.
 
     A map of very many decades has fewer of them: 1, 1000, 1e6 … `sample` is a sample's length in units.
     """
