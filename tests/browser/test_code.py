@@ -111,23 +111,6 @@ def test_a_second_save_asks_before_it_overwrites(screen, tmp_path):
     wait_until(lambda: load_tuning(path).channels[0].name == HOSTILE)
 
 
-def test_the_goal_is_met_at_the_period_of_the_device(screen, tmp_path):
-    screen.tab("Tune")
-    screen.type("lag (ms)", "50")  # Enter applies
-    screen.page.get_by_text("Before:").wait_for()
-    screen.tab("Export")
-    screen.type("device sample period (s)", "0.01")
-    screen.page.get_by_text("50 ms as recorded").wait_for()
-    button(screen, "Meet 50 ms at this period").click()
-    screen.page.get_by_text("Lag 50 ms at 10 ms per sample").wait_for()
-    screen.shot("code-goal")
-    button(screen, "Save to the folder").click()
-    screen.notification("Saved").wait_for()
-    header = (tmp_path / "export" / "kalscope_filter" / "KalscopeFilter.h").read_text()
-    assert "found: at 0.01 s: a lag of 50 ms" in header
-    assert "samples = 0.05 s" in header
-
-
 def test_a_tuning_file_is_loaded_in_two_ways_and_undone_and_a_refusal_stays_until_it_is_closed(screen, tmp_path):
     screen.tab("Tune")
     start = screen.text_box("process noise q").input_value()

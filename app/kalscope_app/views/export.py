@@ -18,9 +18,8 @@ import numpy as np
 import viser
 
 from kalscope.common.files import check_inside
-from kalscope.common.text import decibels, duration, frequency, lag_text, number, plural, typed_number
+from kalscope.common.text import duration, lag_text, typed_number
 from kalscope.errors import BadSetting
-from kalscope.estimation.request import Request
 from kalscope.export.csv import filtered_csv_chunks
 from kalscope.export.registry import (
     TARGETS,
@@ -34,7 +33,7 @@ from kalscope.export.registry import (
 from kalscope.export.report import Report, as_html, make_report
 from kalscope.filtering.steady import steady_state
 from kalscope.tuning.file import dumps, load_tuning, save_tuning
-from kalscope.tuning.tuning import Tuning, meeting_goal, rescaled_to_period, same_period
+from kalscope.tuning.tuning import Tuning, rescaled_to_period, same_period
 from kalscope_app.engine.frame import Frame
 from kalscope_app.engine.jobs import Jobs
 from kalscope_app.guard.viser_private import take_upload
@@ -116,9 +115,6 @@ COMMON_TITLES = tuple(title for title, name in TITLES.items() if TARGETS[name].i
 UNEVEN = 0.5
 """Periods by which a time step must differ from one before a device would show it."""
 
-MET = 1e-3
-"""A goal that is missed by a smaller share is met."""
-
 GAPS = (
     "On screen, gaps in time count. The code and the test vectors take one period per sample: pass a NaN to the "
     "device's filter for each missing sample."
@@ -137,8 +133,6 @@ class Choice:
     """Sample period of the device as it was typed, s; empty = that of the recording."""
     calibration: bool = False
     """With a sketch that measures r itself, where the target has that choice."""
-    goal: Request | None = None
-    """What the channel on screen must meet at that period too, while that is its goal; None = q is converted."""
 
 
 @dataclass(frozen=True)
@@ -147,78 +141,33 @@ class DeviceNotes:
 
     lag: str
     """The lag at the period of the device, markdown; "" where it is not known."""
-    offer: str
-    """Label of the button that meets the goal there, or undoes that; "" = no button."""
     limits: str
     """What will differ from the screen, markdown; "" where nothing does."""
 
 
-def has_calibration(target: str) -> bool:
-    """Whether a target has code that measures r itself."""
-    return TARGETS[target].can_calibrate
-
-
 def device_notes(state: State, choice: Choice = Choice()) -> DeviceNotes:
     """How the filter on screen will run on the device at this choice. A study."""
-    lag = offer = ""
+    lag = ""
     if state.is_standard:
         with suppress(BadSetting):  # the limits say why
-            lag, offer = _lag_notes(state, choice)
-    return DeviceNotes(lag, offer, limits_text(state, choice))
+            lag = _lag_note(state, choice)
+    return DeviceNotes(lag, limits_text(state, choice))
 
 
-def _lag_notes(state: State, choice: Choice) -> tuple[str, str]:
-    tuning, here, goal = device_tuning(state, choice), state.recording.sample_period, goal_of(state)
-    period = tuning.sample_period
+def _lag_note(state: State, choice: Choice) -> str:
+    """The lag on the device, and as recorded where that is at another period."""
+    recorded, there = state.as_tuning(), device_tuning(state, choice)
+    here, period = recorded.sample_period, there.sample_period
     if period is None:
-        return "", ""
-    lag = _measured(tuning, state.channel, "lag_s")[1]
-    if not choice.period.strip() or here is None or same_period(period, here):
-        return f"Lag **{lag}** at {duration(period)} per sample, as recorded.", ""
-    recorded = _measured(state.as_tuning(), state.channel, "lag_s")[1]
-    text = f"Lag **{lag}** at {duration(period)} per sample; {recorded} as recorded."
-    if goal is None:
-        return text, ""
-    ((name, wanted),) = goal.target.items()
-    value, words = _measured(tuning, state.channel, name)
-    if name != "lag_s":
-        text += f" {GOALS[name].format(words)}"
-    if choice.goal == goal:
-        return text, "Use q as tuned"
-    missed = abs(value - wanted) > MET * abs(wanted)
-    return text, f"Meet {_in_words(name, wanted)} at this period" if missed else ""
-
-
-GOALS = {"lag_samples": "{}.", "cutoff_hz": "Cut-off {}.", "noise_reduction_db": "Noise {}.", "gain": "{}."}
-"""How the value of a goal is written beside the lag."""
-
-
-def _measured(tuning: Tuning, channel: str, name: str) -> tuple[float, str]:
-    """The value that a filter has for a goal, as a number and in words."""
-    steady = steady_state(tuning.channel(channel).params, tuning.sample_period)
-    if name == "lag_s":
-        samples = steady.lag_samples
-        return samples * (tuning.sample_period or 1.0), lag_text(samples, tuning.sample_period)
-    value = float(getattr(steady, name))
-    return value, _in_words(name, value)
-
-
-def _in_words(name: str, value: float) -> str:
-    return {
-        "lag_s": duration(value),
-        "lag_samples": plural(value, "sample"),
-        "cutoff_hz": frequency(value),
-        "noise_reduction_db": decibels(-value),
-        "gain": f"gain {number(value)}",
-    }[name]
-
-
-def goal_of(state: State) -> Request | None:
-    """The goal that the filter on screen was found for; None where there is no goal, or no longer one."""
-    outcome = state.answers.outcome
-    if outcome is None or outcome.after is None or outcome.request is None:
-        return None
-    return outcome.request if outcome.request.target else None
+        return ""
+    lag, before = (
+        lag_text(steady_state(one.channel(state.channel).params, one.sample_period).lag_samples, one.sample_period)
+        for one in (there, recorded)
+    )
+    same = here is None or same_period(period, here)
+    return (
+        f"Lag **{lag}** at {duration(period)} per sample{', as recorded' if same else f'; {before} as recorded'}."
+    )
 
 
 def limits_text(state: State, choice: Choice = Choice()) -> str:
@@ -272,16 +221,7 @@ def device_tuning(state: State, choice: Choice) -> Tuning:
         tuning = replace(tuning.only(None if choice.all_channels else state.channel), fusion=None)
     if not choice.period.strip():
         return tuning
-    period = typed_number("period", choice.period)
-    if choice.goal is not None and choice.goal == goal_of(state):
-        return meeting_goal(tuning, state.channel, choice.goal, period)
-    return rescaled_to_period(tuning, period)
-
-
-def toggled(choice: Choice, state: State) -> Choice:
-    """The choice after a click on the button that meets the goal, or undoes that."""
-    goal = goal_of(state)
-    return replace(choice, goal=None if choice.goal == goal else goal)
+    return rescaled_to_period(tuning, typed_number("period", choice.period))
 
 
 def packed(target: str, files: dict[str, str]) -> tuple[str, bytes]:
@@ -313,7 +253,6 @@ class CodeView:
         self, gui: viser.GuiApi, session: Session, jobs: Jobs, tell: Callable[..., None], folder: Path
     ) -> None:
         self._session, self._jobs, self._tell, self._folder = session, jobs, tell, folder
-        self._goal: Request | None = None
         self._title = COMMON_TITLES[0]
         with gui.add_folder("Export code"):
             self._target = gui.add_dropdown("target", (*COMMON_TITLES, MORE), hint=TARGET_HINT)
@@ -322,7 +261,6 @@ class CodeView:
                 "device sample period (s)", "", hint="Time between two samples on the device. Empty: as recorded."
             )
             self._lag = gui.add_markdown("", visible=False)
-            self._meet = gui.add_button("Meet the goal", visible=False, hint="Changes q in the exported code only.")
             self._limits = gui.add_markdown("", visible=False)
             look = gui.add_button("Preview code", hint="Shows the files, to read and copy.")
             self._name = gui.add_text("folder", "export", hint="Inside the folder in which Kalscope was started.")
@@ -330,10 +268,8 @@ class CodeView:
             download = gui.add_button("Download", hint="One file, or a zip of several.")
             self._build_options(gui)
         on_user(self._target.on_update, lambda _client: self._show_target())
-        for box in (self._channels, self._period):
+        for box in (self._channels, self._period, self._calibration):
             on_user(box.on_update, lambda _client: self._ask_notes())
-        on_user(self._calibration.on_update, lambda _client: self._ask_notes())
-        on_user(self._meet.on_click, lambda _client: jobs.run_with_state(session, self._toggle_goal, Failed.EXPORT))
         on_user(
             look.on_click, lambda client: self._with_files(client, lambda _target, files: show_files(client, files))
         )
@@ -361,23 +297,19 @@ class CodeView:
         self._title = self._target.value
         name = TITLES[self._title]
         self._what.content = TARGETS[name].what
-        self._calibration.visible = has_calibration(name)
+        self._calibration.visible = TARGETS[name].can_calibrate
         self._ask_notes()
 
     def _ask_notes(self) -> None:
         self._jobs.run_with_state(self._session, lambda state: self.show_notes(device_notes(state, self.choice)))
 
-    def _toggle_goal(self, state: State) -> None:
-        self._goal = toggled(self.choice, state).goal
-        self.show_notes(device_notes(state, self.choice))
-
     @property
     def choice(self) -> Choice:
         """What is chosen now."""
         target = TITLES[self._title]
-        calibration = self._calibration.value and has_calibration(target)
+        calibration = self._calibration.value and TARGETS[target].can_calibrate
         everything = self._channels.value == ALL
-        return Choice(target, everything, self._period.value, calibration, self._goal)
+        return Choice(target, everything, self._period.value, calibration)
 
     def _save(self, client: viser.ClientHandle) -> None:
         name = self._name.value.strip()
@@ -431,9 +363,6 @@ class CodeView:
         """Show the lag at the period of the device, and what differs there."""
         for text, line in ((self._lag, notes.lag), (self._limits, notes.limits)):
             text.content, text.visible = line, bool(line)
-        if notes.offer:
-            self._meet.label = notes.offer
-        self._meet.visible = bool(notes.offer)
 
 
 def send_files(client: viser.ClientHandle, target: str, files: dict[str, str]) -> None:

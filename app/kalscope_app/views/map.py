@@ -257,8 +257,8 @@ def _write_axes(axes: Axes, inputs: MapPictureInput) -> None:
 
 
 def tick(exponent: int) -> str:
-    """A power of ten, short enough for the axis: 0.001, 1, 1 000, 1e-6."""
-    return number(10.0**exponent, 1) if -3 <= exponent <= 4 else f"1e{exponent}"
+    """A power of ten, short enough for the axis: 0.001, 1, 1 000, 1e4."""
+    return number(10.0**exponent, 1) if -3 <= exponent <= 3 else f"1e{exponent}"
 
 
 def _draw_bar(axes: Axes, inputs: MapPictureInput) -> None:

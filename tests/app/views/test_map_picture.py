@@ -114,7 +114,8 @@ def test_a_lag_is_told_in_one_unit(period, lag, words):
 
 
 @pytest.mark.parametrize(
-    ("exponent", "text"), [(0, "1"), (-3, "0.001"), (-4, "1e-4"), (4, "10\u202f000"), (5, "1e5"), (-12, "1e-12")]
+    ("exponent", "text"),
+    [(0, "1"), (-3, "0.001"), (-4, "1e-4"), (3, "1\u202f000"), (4, "1e4"), (5, "1e5"), (-12, "1e-12")],
 )
 def test_ticks_are_written_as_all_other_numbers(exponent, text):
     assert tick(exponent) == text
