@@ -132,7 +132,7 @@ CELLS = (142, 213)
 """Cells of the density along q and r, each about two pixels of the page wide."""
 LOSSES = (0.1, 0.3)
 """Growth of the prediction error at which the colour of a device changes."""
-LOSS_WORDS = ("loses less than 10 %", "10 to 30 %", "above 30 %", "not judged")
+LOSS_WORDS = ("loses less than 10 %", "10 to 30 %", "above 30 %", "too short to tell")
 """What the colours mean."""
 MAX_NAME = 36
 """Characters of the name of a device that was clicked."""
@@ -257,10 +257,7 @@ def _points(fleet: Fleet, usable: Indices) -> Indices:
 
 def _density(logs: Array, q: Range, r: Range) -> Array:
     """Devices in each cell, by their logarithm, as shares of the fullest one."""
-    columns, rows = CELLS
-    across = np.clip(((logs[:, 0] - q[0]) / (q[1] - q[0]) * columns).astype(int), 0, columns - 1)
-    up = np.clip(((logs[:, 1] - r[0]) / (r[1] - r[0]) * rows).astype(int), 0, rows - 1)
-    devices = np.bincount(up * columns + across, minlength=rows * columns).reshape(rows, columns)
+    devices = np.histogram2d(logs[:, 1], logs[:, 0], CELLS[::-1], (r, q))[0]
     return np.log1p(devices) / np.log1p(devices.max())
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -356,6 +357,29 @@ class Chart:
         if not same_numbers(data, self._data):
             self._handle.data = self._data = data
         put(self._handle, visible=True)
+
+    def draw(
+        self,
+        x: Array,
+        x_label: str,
+        lines: Sequence[ChartLine],
+        y_axes: Sequence[dict[str, object]],
+        view: object,
+        reach: tuple[float, float] | None = None,
+        *,
+        factor: float = 1.0,
+        **layout: Any,
+    ) -> None:
+        """Draw lines whose values are times `factor`; the rest are fields of `ChartLayout`, see `show`."""
+        series = ({"label": x_label}, *(one.style for one in lines))
+        gaps = frozenset(i for i, one in enumerate(lines) if one.gaps)
+        self.show(
+            x,
+            [one.y * factor for one in lines],
+            ChartLayout(series, tuple(y_axes), gaps=gaps, **layout),
+            view,
+            reach,
+        )
 
     def _cursor(self) -> Any:
         """How the mouse works; `share` and `window` are keys of the page script, not of uPlot."""

@@ -186,7 +186,7 @@ def reasons_of(judged: Judged) -> str:
 def word_of(judgement: Judgement | None) -> tuple[str, tuple[int, int, int]]:
     """The label of the button, and its colour."""
     if judgement is None:
-        return "not judged", COLOURS["note"]
+        return "no verdict", COLOURS["note"]
     return judgement.word, COLOURS[judgement.tone]
 
 
