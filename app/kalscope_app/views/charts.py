@@ -60,13 +60,13 @@ def scale_for(values: Array, unit: str) -> Scale:
 
 
 def time_scale_for(span: float, sample_period: float | None) -> Scale:
-    """Unit of a time axis that shows `span` seconds: the largest one that fits four times into it."""
+    """Unit of a time axis that shows `span` s: the largest that fits four times; ms where s needs four decimals."""
     if sample_period is None:
         return Scale(1.0, "samples")
     for unit, length in reversed(TIME_UNITS):
         if span >= 4.0 * length:
             return Scale(1.0 / length, unit)
-    return Scale(1000.0, "ms")
+    return Scale(1.0, "s") if span >= 0.04 else Scale(1000.0, "ms")
 
 
 def range_text(first: float, last: float) -> str:
@@ -225,6 +225,19 @@ def raw_lines(shown: DrawnSamples, palette: Palette) -> tuple[ChartLine, ...]:
         return gappy("raw", shown.raw, palette.raw)
     low, high = shown.band
     return ChartLine(low, line("raw min", palette.raw, 0.5)), ChartLine(high, line("raw max", palette.raw, 0.5))
+
+
+def lag_line(frame: Frame, palette: Palette) -> ChartLine:
+    """A level line as long as the lag, up to the filtered signal at its steepest rise; NaN where it is tiny."""
+    time, x = frame.drawn.time, frame.filtered
+    lag = float(frame.steady.lag_samples) * (frame.state.recording.sample_period or 1.0)
+    y = np.full(len(x), np.nan)
+    if len(x) > 1 and 0.005 * (time[-1] - time[0]) < lag < 0.5 * (time[-1] - time[0]):
+        begin = np.searchsorted(time, time - lag)
+        rise = np.nan_to_num(np.where(time - lag < time[0], np.nan, x - x[begin]), nan=-math.inf)
+        end = int(np.argmax(rise))
+        y[begin[end] : end + 1] = x[end]
+    return ChartLine(y, line("lag", palette.ink, 3, scaled=False), gaps=True)
 
 
 def short(name: str, limit: int) -> str:
@@ -399,8 +412,10 @@ class Chart:
 
 
 def same_numbers(one: tuple[Array, ...], other: tuple[Array, ...]) -> bool:
-    """Whether two tuples hold equal arrays; NaN equals nothing, so lines with gaps always count as new."""
-    return len(one) == len(other) and all(map(np.array_equal, one, other))
+    """Whether two tuples hold equal arrays."""
+    return len(one) == len(other) and all(
+        np.array_equal(a, b, equal_nan=True) for a, b in zip(one, other, strict=True)
+    )
 
 
 def _distribution(log: bool) -> dict[str, int]:

@@ -123,7 +123,7 @@ def _scale_words(q: float, r: float) -> str:
 
 UNJUDGED = "These tests judge the Kalman filter of one channel; another filter is on screen."
 
-COLOURS = {"good": (0, 122, 90), "note": (176, 98, 0), "bad": (196, 46, 22)}
+COLOURS = {"good": (0, 122, 90), "note": (150, 82, 0), "bad": (196, 46, 22)}
 """Of the word, by tone; the page lightens them for the dark theme."""
 
 

@@ -32,7 +32,7 @@ from kalscope.export.registry import (
 )
 from kalscope.export.report import Report, as_html, make_report
 from kalscope.filtering.steady import steady_state
-from kalscope.tuning.file import dumps, load_tuning, save_tuning
+from kalscope.tuning.file import dumps, save_tuning
 from kalscope.tuning.tuning import Tuning, rescaled_to_period, same_period
 from kalscope_app.engine.frame import Frame
 from kalscope_app.engine.jobs import Jobs
@@ -44,7 +44,7 @@ from kalscope_app.session.state import State
 from kalscope_app.views.widgets import escape_markdown, offer, on_user
 from kalscope_app.views.window import COMMAND, PRIMARY
 
-# Dialogs in one browser: files to read and copy, what would be overwritten, and why an export failed.
+# Dialogs in one browser: files to read and copy, and what would be overwritten.
 
 
 WIDE = """<style>
@@ -68,13 +68,6 @@ def show_files(client: viser.ClientHandle, files: dict[str, str]) -> None:
         for name, text in files.items():
             with tabs.add_tab(name):
                 client.gui.add_text(name, text, multiline=True)
-        _add_close(client, window)
-
-
-def show_refusal(client: viser.ClientHandle, message: str) -> None:
-    """A dialog that stays until it is closed: such a message is too long for a notification."""
-    with client.gui.add_modal("Cannot export") as window:
-        client.gui.add_markdown(escape_markdown(f"{message[:1].upper()}{message[1:]}.", 2000))
         _add_close(client, window)
 
 
@@ -270,14 +263,9 @@ class CodeView:
         on_user(self._target.on_update, lambda _client: self._show_target())
         for box in (self._channels, self._period, self._calibration):
             on_user(box.on_update, lambda _client: self._ask_notes())
-        on_user(
-            look.on_click, lambda client: self._with_files(client, lambda _target, files: show_files(client, files))
-        )
+        on_user(look.on_click, lambda client: self._with_files(lambda files: show_files(client, files)))
         on_user(save.on_click, self._save)
-        on_user(
-            download.on_click,
-            lambda client: self._with_files(client, lambda target, files: send_files(client, target, files)),
-        )
+        on_user(download.on_click, lambda client: self._with_files(partial(self._send, client, self.choice.target)))
 
     def _build_options(self, gui: viser.GuiApi) -> None:
         with gui.add_folder("Options", expand_by_default=False) as self._options:
@@ -314,46 +302,35 @@ class CodeView:
     def _save(self, client: viser.ClientHandle) -> None:
         name = self._name.value.strip()
 
-        def save(_target: str, files: dict[str, str]) -> None:
+        def save(files: dict[str, str]) -> None:
             folder = check_inside(name, self._folder)
             if folder == self._folder.resolve() or any(part.startswith(".") for part in Path(name).parts):
                 raise BadSetting(f"the folder must be named like export (got {name!r})")
             inside = in_sketch_folder(files)
-            there = existing_files(inside, folder)
-            if there:
-                ask_to_overwrite(client, name, there, lambda: self._overwrite(inside, folder))
+            write = partial(self._write, inside, folder, force=True)
+            if there := existing_files(inside, folder):
+                ask_to_overwrite(client, name, there, lambda: self._jobs.run(write, Failed.SAVE))
             else:
                 self._write(inside, folder)
 
-        self._with_files(client, save, Failed.SAVE)
-
-    def _overwrite(self, files: dict[str, str], folder: Path) -> None:
-        self._jobs.run(lambda: self._write(files, folder, force=True), Failed.SAVE)
+        self._with_files(save, Failed.SAVE)
 
     def _write(self, files: dict[str, str], folder: Path, *, force: bool = False) -> None:
         written = write_files(files, folder, force=force)
         place = written[0].parent.relative_to(self._folder.resolve()).as_posix()
         self._tell(f"Saved {', '.join(path.name for path in written)} in {place}", good=True)
 
-    def _with_files(
-        self,
-        client: viser.ClientHandle,
-        use: Callable[[str, dict[str, str]], None],
-        failed: Failed = Failed.EXPORT,
-    ) -> None:
-        """Make the files of the state on screen, as a job, and hand them on; or say why there are none."""
-        choice = self.choice
-        vectors = self._vectors.value
+    @staticmethod
+    def _send(client: viser.ClientHandle, target: str, files: dict[str, str]) -> None:
+        """One file as it is, several as a zip."""
+        client.send_file_download(*packed(target, files), save_immediately=True)
 
-        def work(state: State) -> None:
-            try:
-                files = files_of(state, choice, vectors=vectors)
-            except BadSetting as error:
-                show_refusal(client, str(error))
-            else:
-                use(choice.target, files)
-
-        self._jobs.run_with_state(self._session, work, failed)
+    def _with_files(self, use: Callable[[dict[str, str]], None], failed: Failed = Failed.EXPORT) -> None:
+        """Make the files of the state on screen, as a job, and hand them on."""
+        choice, vectors = self.choice, self._vectors.value
+        self._jobs.run_with_state(
+            self._session, lambda state: use(files_of(state, choice, vectors=vectors)), failed
+        )
 
     def show(self, frame: Frame) -> None:
         """One channel leaves no choice, and neither do fused sensors."""
@@ -363,12 +340,6 @@ class CodeView:
         """Show the lag at the period of the device, and what differs there."""
         for text, line in ((self._lag, notes.lag), (self._limits, notes.limits)):
             text.content, text.visible = line, bool(line)
-
-
-def send_files(client: viser.ClientHandle, target: str, files: dict[str, str]) -> None:
-    """One file as it is, several as a zip."""
-    name, content = packed(target, files)
-    client.send_file_download(name, content, save_immediately=True)
 
 
 # The commands that reopen and filter what is open, to be copied into a terminal.
@@ -464,30 +435,28 @@ def _report(state: State) -> Report:
     return make_report(state.recording, state.as_tuning(), state.channel, command=share_line(state).line, pins=pins)
 
 
-# The tuning file: saved, downloaded, and loaded onto what is open.
+# The tuning file: saved, downloaded, and uploaded onto what is open.
 
 
 DEFAULT_NAME = f"tuning{ENDING}"
 
 
 class TuningFileView:
-    """The folder "Tuning file" of the Export tab. Files are written and read as jobs."""
+    """The folder "Tuning file" of the Export tab. Files are written as jobs."""
 
     def __init__(
         self, gui: viser.GuiApi, session: Session, jobs: Jobs, tell: Callable[..., None], folder: Path
     ) -> None:
         self._session, self._jobs, self._tell, self._folder = session, jobs, tell, folder
         self._building = threading.Lock()
-        self._ours = set[Path]()  # files saved or loaded here: saving again asks nothing
+        self._ours = set[Path]()  # files saved here: saving again asks nothing
         with gui.add_folder("Tuning file") as self._widgets:
             self._path = gui.add_text(
                 "tuning file", DEFAULT_NAME, hint="A file name in the folder in which Kalscope was started."
             )
             save = gui.add_button("Save tuning file", hint="q, r, momentum, p0 and x0 of every channel.")
-            load = gui.add_button("Load tuning file", hint="Its values for the open recording; Undo reverts it.")
             download = gui.add_button("Download tuning file", hint="The same file, as a download.")
         on_user(save.on_click, self._ask_to_save)
-        on_user(load.on_click, lambda _client: self._ask_to_load())
         on_user(
             download.on_click,
             lambda client: jobs.run_with_state(session, lambda state: _send(state, client), Failed.SAVE),
@@ -519,16 +488,6 @@ class TuningFileView:
         if path.suffix != ENDING or any(part.startswith(".") for part in Path(name).parts if part != "."):
             raise BadSetting(f"the tuning file must be named like {DEFAULT_NAME} (got {name!r})")
         return path
-
-    def _ask_to_load(self) -> None:
-        name = self._name
-        self._jobs.run(lambda: self._load(name), Failed.OPEN)
-
-    def _load(self, name: str) -> None:
-        path = self._checked(name)
-        tuning = load_tuning(path)
-        self._ours.add(path)
-        self._session.request(use_settings(tuning, name), failed=Failed.OPEN)
 
     def _ask_to_save(self, client: viser.ClientHandle) -> None:
         name = self._name
