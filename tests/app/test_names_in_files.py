@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import io
 import logging
-import re
 import shlex
 import subprocess
 import tomllib
@@ -28,8 +27,6 @@ from kalscope.sources.recorder import header_line, preamble, rejects_lines
 from kalscope_app.program.log import Lines
 from kalscope_app.session.opening import opened
 from kalscope_app.session.share import share_line
-from kalscope_app.views.export import with_tuning_file
-from kalscope_app.views.window import COMMAND
 
 FORMULA = ("=", "+", "-", "@", "\t", "\r")
 VALUES = np.cumsum(np.random.default_rng(3).normal(size=(60, 1)), axis=0)
@@ -138,14 +135,6 @@ def test_a_line_to_be_typed_is_one_word_each_for_a_shell(tmp_path):
     counts = subprocess.run(("sh",), input=script.encode(), capture_output=True, check=True, cwd=tmp_path).stdout
     assert counts.decode().split() == [str(len(shlex.split(line)) - 1) for line in lines]
     assert list(tmp_path.iterdir()) == []
-
-
-def test_a_line_in_markdown_stays_in_its_code():
-    for name in NAMES:
-        text = with_tuning_file(opened(recording_of("a", source=name)))
-        assert not CONTROL.search(text)
-        assert text.count("`") % 2 == 0
-        assert "<" not in re.sub("`[^`\n]*`", "", text).replace(COMMAND, "")
 
 
 def test_an_entry_of_the_log_is_one_line_of_plain_text():

@@ -317,8 +317,6 @@ class OpenFleet:
     """Whether a device is opened at the filter for all; else at its own."""
     find: str = ""
     """What the names of the devices in the table contain, in any letter case; "" = all."""
-    picked: int | None = None
-    """The row whose point in the map was clicked; a second click opens it."""
 
     @cached_property
     def ranked(self) -> Indices:

@@ -10,14 +10,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from kalscope.common.numbers import Array, Indices, Mask
-from kalscope.common.text import count, one_line, trimmed
+from kalscope.common.text import count
 from kalscope.estimation.fit import estimate
 from kalscope.estimation.likelihood import Profile, likelihood_contour, loglik_map
 from kalscope.estimation.momentum import likelihood_profile
 from kalscope.estimation.result import Estimate
 from kalscope.filtering.steady import ratio_for
 from kalscope_app.engine.filter_runs import Cache
-from kalscope_app.session.state import OpenFleet, State, loss_text
+from kalscope_app.session.state import OpenFleet, State
 
 if TYPE_CHECKING:
     from kalscope.fleet.results import Fleet
@@ -134,22 +134,8 @@ LOSSES = (0.1, 0.3)
 """Growth of the prediction error at which the colour of a device changes."""
 LOSS_WORDS = ("loses less than 10 %", "10 to 30 %", "above 30 %", "too short to tell")
 """What the colours mean."""
-MAX_NAME = 36
-"""Characters of the name of a device that was clicked."""
 REACH = 8.0
 """Pixels of the picture from which a click takes the nearest point."""
-
-
-@dataclass(frozen=True)
-class Picked:
-    """A device that was clicked."""
-
-    device: int
-    """Its row."""
-    point: Point
-    """Its exponents (q, r), clamped to the map."""
-    words: tuple[str, ...]
-    """The text about it, line by line."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -173,8 +159,6 @@ class FleetLayer:
     """The filter for all; None where there is none."""
     ratio_ends: tuple[float, float] | None
     """log₁₀ of the q/r that the fleet allows, 95 %; None where it is not known."""
-    picked: Picked | None = None
-    """The device that was clicked."""
 
     @property
     def unit(self) -> str:
@@ -220,25 +204,7 @@ def fleet_layer(open_fleet: OpenFleet, q: Range, r: Range) -> FleetLayer:
         words=tuple(f"{word}: {count(size)}" if size else "" for word, size in zip(LOSS_WORDS, sizes, strict=True)),
         shared=None if shared is None else exponents_of(shared.params.q, float(shared.params.r)),
         ratio_ends=(math.log10(ends[0]), math.log10(ends[1])) if known and ends is not None else None,
-        picked=_picked(fleet, open_fleet.picked, q, r),
     )
-
-
-def _picked(fleet: Fleet, device: int | None, q: Range, r: Range) -> Picked | None:
-    """The device that was clicked, and the text about it."""
-    devices = fleet.devices
-    if device is None or not devices.usable[device]:
-        return None
-    pair, growth = (float(devices.q[device]), float(devices.r[device])), float(fleet.growth[device])
-    loss = "" if math.isnan(growth) else f", loss {loss_text(growth)}"
-    name = one_line(devices.name(device))
-    words = (
-        name if len(name) <= MAX_NAME else f"…{name[1 - MAX_NAME :]}",
-        f"q {trimmed(pair[0])}, r {trimmed(pair[1])}{loss}",
-        "click it again to open it",
-    )
-    x, y = (math.log10(value) for value in pair)
-    return Picked(device, (min(max(x, q[0]), q[1]), min(max(y, r[0]), r[1])), words)
 
 
 def _points(fleet: Fleet, usable: Indices) -> Indices:

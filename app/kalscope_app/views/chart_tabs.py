@@ -194,22 +194,11 @@ def text_of(compared: Compared) -> str:
     head[AT_OVERSHOOT:AT_OVERSHOOT] = ["overshoot"] if state.tuning.momentum else []
     rows = [cells(one, state) for one in (found.present, *found.others)]
     table = "\n".join(f"| {' | '.join(row)} |" for row in rows)
-    said = "\n".join(f"- {described(one)}" for one in (*compared.alternatives, found.present))
+    said = "\n".join(f"- **{one.name}.** {one.sentence}" for one in (*compared.alternatives, found.present))
     return (
         f"| {' | '.join(head)} |\n|{'---|' * len(head)}\n{table}\n\n{found.identity}\n\n{said}\n\n{found.note} "
         "The intervals in brackets hold jointly in 95 % of cases. Cut-offs are in cycles per sample."
     )
-
-
-def described(one: Alternative) -> str:
-    """Its advantages and disadvantages, and what it costs."""
-    start = (
-        "starts at once" if one.start_samples <= 1 else f"forgets its start in {count(one.start_samples)} samples"
-    )
-    memory = "needs the whole recording" if one.memory == 0 else f"remembers {count(one.memory)} numbers"
-    if one.memory == 1:
-        memory = "remembers one number"
-    return f"**{one.name}.** {one.sentence} It {start} and {memory}. Where samples are missing it {one.gaps}."
 
 
 def cells(one: Alternative, state: State) -> list[str]:
@@ -299,20 +288,20 @@ def lanes_of(overview: Overview) -> tuple[Array, list[Array], ChartLayout]:
     palette = DARK if state.view.dark else LIGHT
     span = float(overview.time[-1] - overview.time[0]) if len(overview.time) > 1 else 1.0
     clock = time_scale_for(span, state.recording.sample_period)
-    ys: list[Array] = []
-    series: list[dict[str, object]] = [{"label": time_label(clock)}]
+    lines: list[ChartLine] = []
     for i, lane in enumerate(overview.lanes, 1):
-        ys += [i - HALF_LANE * lane.raw, i - HALF_LANE * lane.filtered]
         width = 3 if state.measured == (lane.name,) else 2
-        series += [line(f"{i} raw", palette.raw), line(f"{i}", palette.filtered, width)]
+        lines += gappy(f"{i} raw", i - HALF_LANE * lane.raw, palette.raw)[:1]
+        lines.append(ChartLine(i - HALF_LANE * lane.filtered, line(f"{i}", palette.filtered, width)))
     across, up = axes("channel")
     layout = ChartLayout(
-        tuple(series),
+        ({"label": time_label(clock)}, *(one.style for one in lines)),
         ({**across, "label": time_label(clock), "size": 34}, {**up, "incrs": (1,), "space": 8}),
+        gaps=frozenset(i for i, one in enumerate(lines) if one.gaps),
         y_range=(0.5, len(overview.lanes) + 0.5),
         y_down=True,
     )
-    return overview.time * clock.factor, ys, layout
+    return overview.time * clock.factor, [one.y for one in lines], layout
 
 
 def lead_of(overview: Overview) -> str:

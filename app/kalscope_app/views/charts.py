@@ -64,9 +64,9 @@ def time_scale_for(span: float, sample_period: float | None) -> Scale:
     if sample_period is None:
         return Scale(1.0, "samples")
     for unit, length in reversed(TIME_UNITS):
-        if span >= 4.0 * length:
+        if span >= (0.04 if unit == "s" else 4.0 * length):
             return Scale(1.0 / length, unit)
-    return Scale(1.0, "s") if span >= 0.04 else Scale(1000.0, "ms")
+    return Scale(1000.0, "ms")
 
 
 def range_text(first: float, last: float) -> str:

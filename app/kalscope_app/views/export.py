@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 import re
-import shlex
 import threading
 import zipfile
 from collections.abc import Callable, Iterable, Iterator
@@ -42,7 +41,7 @@ from kalscope_app.session.session import Failed, Session
 from kalscope_app.session.share import share_line
 from kalscope_app.session.state import State
 from kalscope_app.views.widgets import escape_markdown, offer, on_user
-from kalscope_app.views.window import COMMAND, PRIMARY
+from kalscope_app.views.window import PRIMARY
 
 # Dialogs in one browser: files to read and copy, and what would be overwritten.
 
@@ -357,30 +356,7 @@ class CommandLineView:
         """Write the lines."""
         shared = share_line(frame.state)
         self._line.value = shared.line
-        self._text.content = "\n\n".join(filter(None, (" ".join(shared.remarks), with_tuning_file(frame.state))))
-
-
-def with_tuning_file(state: State) -> str:
-    """What to type once the tuning file is saved, as markdown."""
-    source, live = state.recording.source, state.live is not None
-    file = "FILE" if live else shell_word(source)
-    reopen = ("open", *(() if source else ("FILE",)), "--config", "tuning.toml")
-    run = ("filter", file, "--config", "tuning.toml", "-o", "out.csv")
-    text = f"With the saved tuning file:\n\n{_command(reopen)}\n\n{_command(run)}"
-    if live:
-        return text + "\n\nReplace FILE with the path of a recording of the board."
-    return text
-
-
-def _command(words: Iterable[str]) -> str:
-    """A line for a terminal, as markdown; each word is marked up alone, so that no option breaks after its "-"."""
-    return COMMAND + " ".join(f"`{word}`" for word in ("kalscope", *words))
-
-
-def shell_word(source: str) -> str:
-    """The source as one word of a command line; FILE where it cannot be shown in a line of code."""
-    printable = source.isprintable() and "`" not in source and len(source) <= 200
-    return shlex.quote(source) if source and printable else "FILE"
+        self._text.content = " ".join(shared.remarks)
 
 
 # The one-page report for the lab book, HTML, and the filtered signal as CSV.

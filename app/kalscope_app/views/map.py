@@ -20,13 +20,12 @@ from kalscope.common.text import DURATIONS, duration, number, squared, trimmed
 from kalscope_app.engine.frame import Frame
 from kalscope_app.engine.jobs import Jobs
 from kalscope_app.program.user_settings import UserSettings
-from kalscope_app.session.changes import momentum_words, pick_device, set_map_shown, set_point
+from kalscope_app.session.changes import momentum_words, set_map_shown, set_point
 from kalscope_app.session.session import Session
 from kalscope_app.session.state import State
 from kalscope_app.studies.tuning_map import (
     FleetLayer,
     MapFrame,
-    Picked,
     Point,
     TuningMap,
     decades,
@@ -189,8 +188,6 @@ def _draw_marks(axes: Axes, inputs: MapPictureInput) -> list[Artist]:
         axes.text(
             *frame.held(point), name, path_effects=[Stroke(linewidth=2, foreground="black"), Normal()], **middle
         )
-    if shown.fleet is not None and shown.fleet.picked is not None:
-        _write_picked(axes, shown.fleet.picked, inputs)
     return handles
 
 
@@ -220,20 +217,6 @@ def _draw_devices(axes: Axes, layer: FleetLayer, inputs: MapPictureInput) -> lis
         label = "one filter for all; lines: best q/r, 95 %"
         handles += _plot(axes, inputs.frame.held(layer.shared), color=palette.devices[2], **diamond, label=label)
     return handles
-
-
-def _write_picked(axes: Axes, picked: Picked, inputs: MapPictureInput) -> None:
-    """The device that was clicked: a ring around it, and what it is, in the half of the map that it is not in."""
-    palette, frame = inputs.palette, inputs.frame
-    _plot(
-        axes, picked.point, marker="o", markersize=15, markerfacecolor="none", color=palette.ink, markeredgewidth=2
-    )
-    low = picked.point[1] < 0.5 * (frame.r[0] + frame.r[1])
-    box = {"facecolor": palette.paper, "edgecolor": palette.quiet, "boxstyle": "round"}
-    place = {"va": "top" if low else "bottom", "transform": axes.transAxes, "linespacing": 1.5}
-    axes.text(
-        0.03, 0.97 if low else 0.03, "\n".join(picked.words), color=palette.ink, fontsize=11, bbox=box, **place
-    )
 
 
 def title_of(inputs: MapPictureInput) -> str:
@@ -325,7 +308,7 @@ class TuningMapView:
     def __init__(self, session: Session) -> None:
         self._session = session
         self.on_device: Callable[[Fleet, int], None] = lambda _fleet, _device: None
-        """Called when the device of an open fleet that is picked is clicked."""
+        """Called when a device of an open fleet is clicked."""
         self._lock = threading.Lock()
         self._map: TuningMap = nothing("")
         self._state: State | None = None
@@ -368,16 +351,11 @@ class TuningMapView:
             self._session.request(set_point(*point), key=f"held:map {gesture:.0f}")
 
     def _on_fleet(self, at: Point) -> bool:
-        """Whether a click is for a device: the first click names it, a second one opens it."""
+        """Open the device under a click, if there is one."""
         fleet = self._map.fleet
-        if fleet is None:
-            return False
-        asked = self._state and self._state.fleet  # the map may be drawn a little later
-        device, picked = fleet.nearest(self._frame, at), asked and asked.picked
-        if device is not None and device == picked:
+        device = None if fleet is None else fleet.nearest(self._frame, at)
+        if fleet is not None and device is not None:
             self.on_device(fleet.fleet, device)
-        elif device != picked:
-            self._session.request(pick_device(device))
         return device is not None
 
     # What the user sees.

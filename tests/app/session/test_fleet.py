@@ -14,7 +14,6 @@ from kalscope_app.session.changes import (
     close_fleet,
     find_devices,
     open_fleet,
-    pick_device,
     set_at_shared,
     set_fleet_order,
     set_text,
@@ -102,10 +101,7 @@ def test_every_order_lists_devices_once(fleet, order):
 
 
 @pytest.mark.slow
-def test_what_was_picked_is_let_go_with_its_rows_and_a_text_to_find_is_one_short_line(fleet, state):
-    picked = pick_device(NOISY)(state)
-    assert picked.fleet.picked == NOISY
-    assert at(fleet, picked, NOISY).fleet.picked is None
+def test_a_text_to_find_is_one_short_line(state):
     assert find_devices(" dev\n0 " + "x" * 999)(state).fleet.find.startswith("dev 0 x")
     assert len(find_devices("x" * 999)(state).fleet.find) == 200
     assert find_devices("x")(close_fleet(state)).fleet is None

@@ -12,7 +12,7 @@ from kalscope import FilterParams, synthesize
 from kalscope.estimation.pool import Losses
 from kalscope.fleet.results import Fleet, RunNote, Shared
 from kalscope.sources.grammar.read_options import ReadOptions
-from kalscope_app.session.changes import open_fleet, pick_device
+from kalscope_app.session.changes import open_fleet
 from kalscope_app.session.opening import opened
 from kalscope_app.session.state import MAX_ROWS, OpenFleet
 from kalscope_app.studies.tuning_map import CELLS, MapMaker, fleet_layer, frame_for
@@ -134,21 +134,3 @@ def test_devices_are_found_by_a_part_of_their_name_those_without_q_and_r_too():
     assert [row[2] for row in fleet_rows(fleet, OpenFleet(fleet, find="0003").rows)] == ["0.01", ""]
     assert fleet_table(OpenFleet(fleet, find="nowhere")) == "None."
     assert len(OpenFleet(fleet, find="csv").rows) == MAX_ROWS
-
-
-@pytest.mark.slow
-def test_a_device_that_was_clicked_says_what_it_is_and_is_ringed():
-    shown = fleet_of([1e-4, 0.3], [0.1, 0.1], growth=[0.0, 0.5])
-    state = pick_device(1)(open_fleet(shown)(opened(synthesize("random_walk", n=1000, seed=1))))
-    layer = MapMaker()(state).fleet
-    assert layer.picked.device == 1
-    assert layer.picked.words == ("dev000001.csv", "q 0.3, r 0.1, loss 50 %", "click it again to open it")
-    without = MapMaker()(pick_device(None)(state))
-    assert without.fleet.picked is None
-    frame = frame_for(*SIZE, without.q, without.r)
-    pictures = [
-        draw_map_picture(picture_input(one, MapMaker()(one), frame)) for one in (state, pick_device(None)(state))
-    ]
-    assert np.any(pictures[0] != pictures[1])
-    long = fleet_of([0.1], [0.1], names=["x" * 300], growth=[np.nan])
-    assert fleet_layer(OpenFleet(long, picked=0), *RANGES).picked.words[:2] == ("…" + "x" * 35, "q 0.1, r 0.1")
