@@ -125,7 +125,6 @@ def test_a_tuning_file_is_uploaded_and_undone_and_a_refusal_is_told(screen, tmp_
     wait_until(lambda: screen.text_box("process noise q").input_value() == start)
 
     screen.tab("Export")
-    screen.choose("target", "more …")
     screen.choose("target", "JSON")
     screen.type("device sample period (s)", "often")
     button(screen, "Preview code").click()

@@ -208,17 +208,12 @@ def fleet_layer(open_fleet: OpenFleet, q: Range, r: Range) -> FleetLayer:
 
 
 def _points(fleet: Fleet, usable: Indices) -> Indices:
-    """Which of the devices with q and r are points, the most remarkable last."""
-    distance, growth = (np.nan_to_num(one[usable], posinf=1e9) for one in (fleet.distance, fleet.growth))
-    by_distance = np.argsort(distance, kind="stable")
+    """Which of the devices with q and r are points, the most remarkable last: of a large fleet the odd ones."""
+    order = np.argsort(np.nan_to_num(fleet.distance[usable], posinf=1e9), kind="stable")
     if len(usable) <= MAX_POINTS:
-        return by_distance
-    odd: Mask = fleet.outlier[usable] | (growth > LOSSES[0])
-    half = MAX_POINTS // 2
-    wanted = np.zeros(len(usable), dtype=bool)
-    for order in (by_distance, np.argsort(growth, kind="stable")):
-        wanted[order[odd[order]][-half:]] = True
-    return by_distance[wanted[by_distance]]
+        return order
+    odd: Mask = fleet.outlier[usable] | (np.nan_to_num(fleet.growth[usable]) > LOSSES[-1])
+    return order[odd[order]][-MAX_POINTS:]
 
 
 def _density(logs: Array, q: Range, r: Range) -> Array:

@@ -40,7 +40,7 @@ from kalscope_app.session.changes import ENDING, uploaded_settings, use_settings
 from kalscope_app.session.session import Failed, Session
 from kalscope_app.session.share import share_line
 from kalscope_app.session.state import State
-from kalscope_app.views.widgets import escape_markdown, offer, on_user
+from kalscope_app.views.widgets import escape_markdown, on_user
 from kalscope_app.views.window import PRIMARY
 
 # Dialogs in one browser: files to read and copy, and what would be overwritten.
@@ -101,9 +101,6 @@ def _add_close(client: viser.ClientHandle, window: Any) -> None:
 
 TITLES = {target.title: name for name, target in TARGETS.items()}
 """Targets by their names on screen."""
-COMMON_TITLES = tuple(title for title, name in TITLES.items() if TARGETS[name].is_common)
-"""Those that the list of targets begins with."""
-
 UNEVEN = 0.5
 """Periods by which a time step must differ from one before a device would show it."""
 
@@ -233,9 +230,6 @@ def packed(target: str, files: dict[str, str]) -> tuple[str, bytes]:
 
 
 THIS, ALL = "this channel", "all channels"
-MORE = "more …"
-
-TARGET_HINT = "Where it will run; more … lists every target."
 
 
 class CodeView:
@@ -245,9 +239,8 @@ class CodeView:
         self, gui: viser.GuiApi, session: Session, jobs: Jobs, tell: Callable[..., None], folder: Path
     ) -> None:
         self._session, self._jobs, self._tell, self._folder = session, jobs, tell, folder
-        self._title = COMMON_TITLES[0]
         with gui.add_folder("Export code"):
-            self._target = gui.add_dropdown("target", (*COMMON_TITLES, MORE), hint=TARGET_HINT)
+            self._target = gui.add_dropdown("target", tuple(TITLES), hint="Where it will run.")
             self._what = gui.add_markdown(TARGETS["arduino"].what)
             self._period = gui.add_text(
                 "device sample period (s)", "", hint="Time between two samples on the device. Empty: as recorded."
@@ -279,10 +272,7 @@ class CodeView:
             )
 
     def _show_target(self) -> None:
-        if self._target.value == MORE:
-            offer(self._target, TITLES, self._title)
-        self._title = self._target.value
-        name = TITLES[self._title]
+        name = TITLES[self._target.value]
         self._what.content = TARGETS[name].what
         self._calibration.visible = TARGETS[name].can_calibrate
         self._ask_notes()
@@ -293,7 +283,7 @@ class CodeView:
     @property
     def choice(self) -> Choice:
         """What is chosen now."""
-        target = TITLES[self._title]
+        target = TITLES[self._target.value]
         calibration = self._calibration.value and TARGETS[target].can_calibrate
         everything = self._channels.value == ALL
         return Choice(target, everything, self._period.value, calibration)

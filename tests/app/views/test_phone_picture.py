@@ -64,7 +64,7 @@ class Phones:
 
     def __init__(self, monkeypatch):
         self.browsers, self.others = {}, []
-        self.during_report = self.during_drawing = lambda: None
+        self.during_report = lambda: None
         server = SimpleNamespace(get_clients=lambda: self.browsers)
         self.pictures = PhonePictures(server)
         self.checkbox = Checkbox(self)
@@ -77,7 +77,6 @@ class Phones:
         self.pictures.show(frame_of([1.0, 2.0]))
 
     def draw(self, _frame, _shape):
-        self.during_drawing()
         return "picture"
 
     def report(self, is_phone):
@@ -86,7 +85,7 @@ class Phones:
 
     def overtake(self, act):
         """Do this in another thread, which may have to wait for what runs."""
-        self.during_report = self.during_drawing = lambda: None
+        self.during_report = lambda: None
         self.others.append(threading.Thread(target=act))
         self.others[-1].start()
         self.others[-1].join(0.3)
@@ -124,15 +123,6 @@ def test_a_phone_gets_the_picture_of_every_frame_and_a_wide_window_none(phones):
 def test_a_report_that_is_overtaken_by_a_later_one_has_no_effect(phones):
     phones.during_report = lambda: phones.overtake(lambda: phones.report(False))
     phones.report(True)
-    phones.settle()
-    assert phones.is_forgotten()
-
-
-@pytest.mark.slow
-def test_a_window_that_becomes_wide_during_a_drawing_is_drawn_no_more(phones):
-    phones.report(True)
-    phones.during_drawing = lambda: phones.overtake(lambda: phones.report(False))
-    phones.pictures.show(frame_of([1.0, 2.0]))
     phones.settle()
     assert phones.is_forgotten()
 
