@@ -24,7 +24,7 @@ from kalscope_app.session.changes import (
 from kalscope_app.session.session import Session
 from kalscope_app.session.state import LINKS, State
 from kalscope_app.studies.checks import Allan, Spectra
-from kalscope_app.studies.comparisons import HALF_LANE, MAX_LANES, Compared, Overview
+from kalscope_app.studies.comparisons import HALF_LANE, MAX_LANES, Compared, Lane, Overview
 from kalscope_app.views.charts import (
     DARK,
     LIGHT,
@@ -319,37 +319,27 @@ def table_of(overview: Overview) -> str:
     """The channels with their settings; markdown, names escaped."""
     if not overview.lanes:
         return ""
-    state, period = overview.state, overview.state.recording.sample_period
-    with_momentum = any(tuning.momentum for tuning in state.settings.tunings)
-    with_missing = any(lane.missing for lane in overview.lanes)
-    head = [
-        "",
-        "channel",
-        "q",
-        "r",
-        *(["τ"] if with_momentum else []),
-        "lag",
-        "noise left",
-        "from … to",
-        *(["missing"] if with_missing else []),
-    ]
-    lines = ["| " + " | ".join(head) + " |", "|" + "---|" * len(head)]
-    for i, lane in enumerate(overview.lanes):
-        tuning, unit = state.settings.tunings[i], escape_markdown(state.settings.tunings[i].unit, 12)
-        bold = "**" if state.measured == (lane.name,) else ""
-        cells = [f"{bold}{i + 1}{bold}", f"{bold}{escape_markdown(lane.name, 24)}{bold}"]
-        if not tuning.filter.is_standard:
-            cells += ["–"] * (5 if with_momentum else 4)
-        else:
-            steady = steady_state(tuning.params)
-            cells += [number(tuning.q), number(tuning.r)]
-            times = [momentum_words(tuning.momentum, period)] if with_momentum else []
-            times += [lag_text(steady.lag_samples, period), noise_left(steady.noise_reduction_db)]
-            cells += [text.replace(" ", "\u00a0") for text in times]
-        reach = f"{number(lane.low)} … {number(lane.high)} {unit}".strip() if np.isfinite(lane.low) else "–"
-        cells += [reach, *([count(lane.missing) if lane.missing else "–"] if with_missing else [])]
-        lines.append("| " + " | ".join(cells) + " |")
-    return "\n".join(lines)
+    rows = [_row(overview.state, i, lane) for i, lane in enumerate(overview.lanes)]
+    heads = [head for head in rows[0] if head not in ("τ", "missing") or any(row[head] != "–" for row in rows)]
+    lines = [heads, ["---"] * len(heads), *([row[head] for head in heads] for row in rows)]
+    return "\n".join(f"| {' | '.join(cells)} |" for cells in lines)
+
+
+def _row(state: State, i: int, lane: Lane) -> dict[str, str]:
+    """The cells of a channel, by the heads of the table."""
+    tuning, period = state.settings.tunings[i], state.recording.sample_period
+    bold, unit = "**" if state.measured == (lane.name,) else "", escape_markdown(tuning.unit, 12)
+    row = {"": f"{bold}{i + 1}{bold}", "channel": f"{bold}{escape_markdown(lane.name, 24)}{bold}"}
+    row |= dict.fromkeys(("q", "r", "τ", "lag", "noise left"), "–")
+    if tuning.filter.is_standard:
+        steady = steady_state(tuning.params)
+        row |= {"q": number(tuning.q), "r": number(tuning.r)}
+        row["τ"] = momentum_words(tuning.momentum, period) if tuning.momentum else "–"
+        row["lag"] = lag_text(steady.lag_samples, period).replace(" ", "\u00a0")
+        row["noise left"] = noise_left(steady.noise_reduction_db).replace(" ", "\u00a0")
+    row["from … to"] = f"{number(lane.low)} … {number(lane.high)} {unit}".strip() if np.isfinite(lane.low) else "–"
+    row["missing"] = count(lane.missing) if lane.missing else "–"
+    return row
 
 
 # The Noise tab: densities with the filter's response, and the Allan deviation beside the model's.
