@@ -127,7 +127,7 @@ def bench(tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch, guarded_server(port=0) as guarded:
         patch.setattr(engine, "idle_delay", lambda _: 0.0)
         patch.setattr(dashboard_module, "WARM_UP_AFTER_S", 1e6)  # nothing is read in the worker
-        patch.setattr(map, "SIZE", (200.0, 400.0))  # a quarter of the pixels to draw and to pack
+        patch.setattr(map, "SHARPNESS", 1)  # a quarter of the pixels to draw and to pack
         dashboard = Dashboard(guarded.server, opened(RECORDINGS["truth"]), tmp_path_factory.mktemp("out"))
         dashboard.start()
         yield Bench(dashboard)

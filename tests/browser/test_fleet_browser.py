@@ -14,8 +14,7 @@ from waiting import wait_until
 from kalscope.fleet.results import read_fleet, reopen
 from kalscope_app.session.changes import at_device, open_fleet
 from kalscope_app.session.opening import opened
-from kalscope_app.studies.tuning_map import MapMaker, frame_for
-from kalscope_app.views.map import SIZE
+from kalscope_app.studies.tuning_map import MapFrame, MapMaker
 
 try:
     import pyarrow  # noqa: F401
@@ -91,7 +90,7 @@ def test_a_fleet_is_listed_and_its_devices_open_from_the_table_and_the_map(scree
     state = open_fleet(fleet)(opened(reopen(fleet.devices.ids[NOISY], fleet.devices.sources[NOISY], fleet.note)))
     state = at_device(fleet, NOISY)(state)
     shown = MapMaker()(state)
-    frame = frame_for(*SIZE, shown.q, shown.r)
+    frame = MapFrame(shown.q, shown.r)
     wait_until(lambda: mark(page) == pytest.approx(share_of(frame, own), abs=1e-4), "the map of this device")
     far = max((i for i in range(12) if i != NOISY), key=lambda i: abs(np.log(fleet.devices.q[i] / 0.04)))
     at = frame.pixel((np.log10(fleet.devices.q[far]), np.log10(fleet.devices.r[far])))

@@ -10,8 +10,7 @@ from waiting import wait_until
 from kalscope import FilterParams, estimate, kalman_filter, open_source, starting_params
 from kalscope_app.program.user_settings import UserSettings
 from kalscope_app.session.opening import opened
-from kalscope_app.studies.tuning_map import MapMaker, frame_for
-from kalscope_app.views.map import SIZE
+from kalscope_app.studies.tuning_map import MapFrame, MapMaker
 from kalscope_app.views.window import LEFT_WIDTH
 
 pytestmark = pytest.mark.browser
@@ -30,7 +29,7 @@ class MapScreen:
         self.screen = screen
         self.state = opened(open_source(source))
         self.map = MapMaker()(self.state)
-        self.frame = frame_for(*SIZE, self.map.q, self.map.r)
+        self.frame = MapFrame(self.map.q, self.map.r)
         if not self.page.get_by_role("button", name="Hide map").count():
             self.page.get_by_role("button", name="Map", exact=True).click()
         self.wait(f"() => ({CANVAS})()[2] > 200")

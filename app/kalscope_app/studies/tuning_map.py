@@ -43,20 +43,17 @@ MAX_DECADES = 12
 class MapFrame:
     """The rectangle of the map inside its picture, pixels, and what its edges mean."""
 
-    width: float
-    """Width of the picture."""
-    height: float
-    """Height of the picture."""
-    left: float
-    top: float
-    right: float
-    bottom: float
     q: Range
     """Exponents of q at the left and the right edge."""
     r: Range
     """Exponents of r at the bottom and the top edge."""
     momentum: float = 0.0
     """Momentum of every filter on the map, samples."""
+
+    width, height = 400.0, 800.0
+    """Of the picture, px. Each browser fits it into the space between its panels."""
+    left, top, right, bottom = 62.0, 56.0, 346.0, 482.0
+    """Edges of the map; names and numbers are around it, the legend below."""
 
     def pixel(self, point: Point) -> Point:
         """Where a pair of exponents (q, r) lies, also outside the rectangle; infinite ones far outside."""
@@ -82,17 +79,6 @@ class MapFrame:
     def inside(self, pixel: Point) -> bool:
         """Whether a pixel lies in the rectangle or on its edge."""
         return self.left <= pixel[0] <= self.right and self.top <= pixel[1] <= self.bottom
-
-
-def frame_for(width: float, height: float, q: Range, r: Range, momentum: float = 0.0) -> MapFrame:
-    """The map in a picture: space for names and numbers around it and for the legend below."""
-    left, right, top = 62.0, width - 54.0, 56.0
-    bottom = min(height - LEGEND_HEIGHT, top + 1.5 * (right - left))
-    return MapFrame(width, height, left, top, max(right, left + 50.0), max(bottom, top + 50.0), q, r, momentum)
-
-
-LEGEND_HEIGHT = 258.0
-"""Pixels under the map: numbers, name of the axis, colour bar, legend, a sentence."""
 
 
 def lag_lines(frame: MapFrame, sample: float) -> list[tuple[float, Point]]:

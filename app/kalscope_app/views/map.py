@@ -30,7 +30,6 @@ from kalscope_app.studies.tuning_map import (
     TuningMap,
     decades,
     exponents_of,
-    frame_for,
     lag_lines,
     nothing,
 )
@@ -293,9 +292,6 @@ def draw_ring(*, dark: bool) -> NDArray[np.uint8]:
 # Picture, mark and mouse are hidden widgets here; `map.js` shows them over viser's canvas.
 
 
-SIZE = (400.0, 800.0)
-"""Width and height of the picture, px. Each browser fits it into the space between its panels."""
-
 NOWHERE = (-1.0, -1.0)
 """The position that hides the mark."""
 
@@ -313,7 +309,7 @@ class TuningMapView:
         self._map: TuningMap = nothing("")
         self._state: State | None = None
         self._drawn: MapPictureInput | None = None
-        self._frame = frame_for(*SIZE, self._map.q, self._map.r)
+        self._frame = MapFrame(self._map.q, self._map.r)
 
     def build_button(self, gui: viser.GuiApi, settings: UserSettings, jobs: Jobs) -> None:
         """The button of the header; what it does is remembered for the next start."""
@@ -392,7 +388,7 @@ class TuningMapView:
             self._draw(answer[0])
 
     def _draw(self, state: State) -> None:
-        self._frame = frame_for(*SIZE, self._map.q, self._map.r, self._map.momentum)
+        self._frame = MapFrame(self._map.q, self._map.r, self._map.momentum)
         inputs = picture_input(state, self._map, self._frame)
         self._place(state)
         if inputs == self._drawn:

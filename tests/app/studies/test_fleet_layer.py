@@ -15,10 +15,10 @@ from kalscope.sources.grammar.read_options import ReadOptions
 from kalscope_app.session.changes import open_fleet
 from kalscope_app.session.opening import opened
 from kalscope_app.session.state import MAX_ROWS, OpenFleet
-from kalscope_app.studies.tuning_map import CELLS, MapMaker, fleet_layer, frame_for
+from kalscope_app.studies.tuning_map import CELLS, MapFrame, MapMaker, fleet_layer
 from kalscope_app.views.charts import DARK, LIGHT
 from kalscope_app.views.fleet import device_labels, fleet_rows, fleet_table
-from kalscope_app.views.map import SHARPNESS, SIZE, draw_map_picture, picture_input
+from kalscope_app.views.map import SHARPNESS, draw_map_picture, picture_input
 
 RANGES = (-6, 2), (-4, 2)
 
@@ -66,7 +66,7 @@ def test_a_large_fleet_is_a_density_with_its_outliers_as_points():
 
 
 def test_a_click_takes_the_nearest_point_and_none_from_afar():
-    frame = frame_for(*SIZE, *RANGES)
+    frame = MapFrame(*RANGES)
     layer = fleet_layer(OpenFleet(fleet_of([0.01, 1.0], [1.0, 1.0])), *RANGES)
     x, y = frame.pixel((0.0, 0.0))
     assert layer.nearest(frame, (x + 5, y - 5)) == 1
@@ -91,7 +91,7 @@ def test_colours_tell_the_loss():
 def map_of(fleet):
     state = open_fleet(fleet)(opened(synthesize("random_walk", n=1000, seed=1)))
     shown = MapMaker()(state)
-    return state, shown, frame_for(*SIZE, shown.q, shown.r)
+    return state, shown, MapFrame(shown.q, shown.r)
 
 
 @pytest.mark.parametrize("dark", [False, True])

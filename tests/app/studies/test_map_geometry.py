@@ -7,9 +7,9 @@ from dataclasses import replace
 import pytest
 
 from kalscope import FilterParams, steady_state
-from kalscope_app.studies.tuning_map import frame_for, lag_lines
+from kalscope_app.studies.tuning_map import MapFrame, lag_lines
 
-FRAME = frame_for(452, 900, (-6, 2), (-4, 2))
+FRAME = MapFrame((-6, 2), (-4, 2))
 
 
 @pytest.mark.parametrize(

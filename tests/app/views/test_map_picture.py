@@ -10,7 +10,7 @@ import pytest
 from kalscope import synthesize
 from kalscope_app.session.changes import pin_present, set_dark
 from kalscope_app.session.opening import opened
-from kalscope_app.studies.tuning_map import MapMaker, frame_for, nothing
+from kalscope_app.studies.tuning_map import MapFrame, MapMaker, nothing
 from kalscope_app.views.charts import DARK, LIGHT
 from kalscope_app.views.map import (
     SHARPNESS,
@@ -24,14 +24,12 @@ from kalscope_app.views.map import (
     title_of,
 )
 
-SIZES = [(520, 1080), (452, 900), (380, 720)]
 
-
-def inputs(width=452, height=900, dark=False, **changes):
+def inputs(dark=False, **changes):
     recording = synthesize("random_walk", n=2000, seed=2)
     state = opened(recording)
     shown = MapMaker()(state)
-    frame = frame_for(width, height, shown.q, shown.r)
+    frame = MapFrame(shown.q, shown.r)
     return replace(MapPictureInput(shown, frame, "V", recording.sample_period, dark), **changes)
 
 
@@ -41,9 +39,8 @@ def rgb(colour):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("dark", [False, True])
-@pytest.mark.parametrize(("width", "height"), SIZES)
-def test_the_best_shade_lies_under_the_mark_of_the_estimate(width, height, dark):
-    one = inputs(width, height, dark)
+def test_the_best_shade_lies_under_the_mark_of_the_estimate(dark):
+    one = inputs(dark)
     palette = DARK if dark else LIGHT
     bare = replace(one, map=replace(one.map, optimum=None, contour=None))
     x, y = (SHARPNESS * at for at in one.frame.pixel(one.map.optimum))
@@ -63,19 +60,18 @@ def test_lightness_alone_tells_better_from_worse(palette):
 
 
 @pytest.mark.slow
-def test_the_picture_has_the_size_asked_for_and_nothing_leaves_it():
-    for width, height in SIZES:
-        picture = draw_map_picture(inputs(width, height))
-        assert picture.shape == (SHARPNESS * height, SHARPNESS * width, 3)
-        edge = np.concatenate([picture[0], picture[-1], picture[:, 0], picture[:, -1]])
-        assert (edge == rgb(LIGHT.paper)).all()
+def test_the_picture_has_its_size_and_nothing_leaves_it():
+    picture = draw_map_picture(inputs())
+    assert picture.shape == (SHARPNESS * MapFrame.height, SHARPNESS * MapFrame.width, 3)
+    edge = np.concatenate([picture[0], picture[-1], picture[:, 0], picture[:, -1]])
+    assert (edge == rgb(LIGHT.paper)).all()
 
 
 @pytest.mark.parametrize("dark", [False, True])
 def test_pinned_variants_are_drawn_at_their_pair(dark):
     state = set_dark(dark)(pin_present(opened(synthesize("random_walk", n=2000, seed=2))))
     shown = MapMaker()(state)
-    pinned = picture_input(state, shown, frame_for(452, 900, shown.q, shown.r))
+    pinned = picture_input(state, shown, MapFrame(shown.q, shown.r))
     ((name, colour, pair),) = pinned.pinned
     x, y = (round(SHARPNESS * at) for at in pinned.frame.pixel(pair))
     patch = draw_map_picture(pinned)[y - 10 : y + 10, x - 10 : x + 10].reshape(-1, 3).tolist()
