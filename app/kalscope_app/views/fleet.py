@@ -148,7 +148,9 @@ class FleetTab:
             self._find = gui.add_text("find device", shown.find, hint="Part of its name.")
             self._table = gui.add_markdown("")
             self._device = gui.add_dropdown(
-                "open device", (NONE,), hint="Opens its recording; so does a click on its point in the map."
+                "open device",
+                list[str]([NONE]),
+                hint="Opens its recording; so does a click on its point in the map.",
             )
             self._at_shared = gui.add_checkbox(
                 "at the filter for all", False, hint="Open devices with the q and r that all share."

@@ -39,7 +39,6 @@ from kalscope_app.views.widgets import on_user, put
 from kalscope_app.views.window import MAP_MARK, MAP_PICTURE, MAP_POINTED, MAP_PRESENT
 
 if TYPE_CHECKING:
-    from matplotlib.artist import Artist
     from matplotlib.axes import Axes
     from matplotlib.colors import Colormap
     from matplotlib.figure import Figure
@@ -124,7 +123,7 @@ def _draw_shades(axes: Axes, inputs: MapPictureInput) -> None:
     from matplotlib.colors import ListedColormap
 
     frame, palette, fleet = inputs.frame, inputs.palette, inputs.map.fleet
-    image = {"extent": (*frame.q, *frame.r), "origin": "lower", "aspect": "auto"}
+    image: dict[str, Any] = {"extent": (*frame.q, *frame.r), "origin": "lower", "aspect": "auto"}
     axes.imshow(inputs.map.shade, shades(palette), vmin=0.0, vmax=1.0, interpolation="bilinear", **image)
     if fleet is not None and fleet.density is not None:
         shares = np.where(fleet.density > 0.0, 0.27 + 0.67 * fleet.density, 0.0)
@@ -139,7 +138,8 @@ def _draw_lags(axes: Axes, inputs: MapPictureInput) -> None:
     for lag, (q, r) in sorted(lag_lines(frame, inputs.lag_unit[1]), key=lambda one: one[1]):
         text, (x, y) = lag_words(lag, inputs), frame.pixel((q, r))
         axes.axline((q, r), slope=1.0, color=palette.ink, linewidth=1, alpha=0.4)
-        half, style = 3.4 * len(text), {"textcoords": "offset points", "color": palette.ink, "fontsize": 11}
+        half = 3.4 * len(text)
+        style: dict[str, Any] = {"textcoords": "offset points", "color": palette.ink, "fontsize": 11}
         if y > frame.top + 8.0:
             axes.annotate(text, (q, r), (5, 0), va="center", **style)
         elif y <= frame.top + 1.0 and x - half > free:
@@ -158,15 +158,21 @@ def lag_words(lag: float, inputs: MapPictureInput) -> str:
     return trimmed(value) if name == "samples" else f"{trimmed(value)} {name}"
 
 
-def _draw_marks(axes: Axes, inputs: MapPictureInput) -> list[Artist]:
+def _draw_marks(axes: Axes, inputs: MapPictureInput) -> list[Line2D]:
     """The region, the best pair, devices and pins; returns what the legend shows, from top to bottom."""
     from matplotlib.lines import Line2D
     from matplotlib.patheffects import Normal, Stroke
 
     frame, palette, shown = inputs.frame, inputs.palette, inputs.map
     halo = [Stroke(linewidth=4.5, foreground=palette.paper), Normal()]
-    ring = {"marker": "o", "linestyle": "", "markerfacecolor": "none", "markersize": 12, "markeredgewidth": 3}
-    handles: list[Artist] = [
+    ring: dict[str, Any] = {
+        "marker": "o",
+        "linestyle": "",
+        "markerfacecolor": "none",
+        "markersize": 12,
+        "markeredgewidth": 3,
+    }
+    handles: list[Line2D] = [
         Line2D([], [], color=palette.filtered, **ring, label="current q and r: drag it, or click")
     ]
     if shown.contour is not None:
@@ -177,13 +183,19 @@ def _draw_marks(axes: Axes, inputs: MapPictureInput) -> list[Artist]:
         handles += _draw_devices(axes, shown.fleet, inputs)
     if shown.optimum is not None:
         off = " (off the map)" if math.inf in map(abs, shown.optimum) else ""
-        style = {"marker": "+", "linestyle": "", "markersize": 14, "markeredgewidth": 2.5, "path_effects": halo}
+        style: dict[str, Any] = {
+            "marker": "+",
+            "linestyle": "",
+            "markersize": 14,
+            "markeredgewidth": 2.5,
+            "path_effects": halo,
+        }
         label = f"most likely q and r{off}"
         handles += _plot(axes, frame.held(shown.optimum), color=palette.best, **style, label=label)
     for name, colour, point in inputs.pinned:
-        badge = {"marker": "o", "linestyle": "", "markersize": 16, "markeredgecolor": palette.paper}
+        badge: dict[str, Any] = {"marker": "o", "linestyle": "", "markersize": 16, "markeredgecolor": palette.paper}
         handles += _plot(axes, frame.held(point), color=colour, **badge, label=f"pinned setting {name}")
-        middle = {"ha": "center", "va": "center_baseline", "fontsize": 11, "color": "white"}
+        middle: dict[str, Any] = {"ha": "center", "va": "center_baseline", "fontsize": 11, "color": "white"}
         axes.text(
             *frame.held(point), name, path_effects=[Stroke(linewidth=2, foreground="black"), Normal()], **middle
         )
@@ -195,18 +207,19 @@ def _plot(axes: Axes, at: Point, **style: Any) -> list[Line2D]:
     return axes.plot([at[0]], [at[1]], **style)
 
 
-def _draw_devices(axes: Axes, layer: FleetLayer, inputs: MapPictureInput) -> list[Artist]:
+def _draw_devices(axes: Axes, layer: FleetLayer, inputs: MapPictureInput) -> list[Line2D]:
     """The devices by class, the filter for all, and the q/r that the fleet allows."""
     palette = inputs.palette
-    handles: list[Artist] = []
+    handles: list[Line2D] = []
     for ratio in layer.ratio_ends or ():
         axes.axline((0.0, -ratio), slope=1.0, color=palette.devices[2], linewidth=1.5)
     for kind, words in enumerate(layer.words):
-        points, style = layer.points[layer.classes == kind], {"markersize": 6, "markeredgecolor": palette.ink}
+        points = layer.points[layer.classes == kind]
+        style: dict[str, Any] = {"markersize": 6, "markeredgecolor": palette.ink}
         if words:
             handles += axes.plot(*points.T, "o", color=palette.devices[kind], **style, label=f"device, {words}")
     if layer.shared is not None:
-        diamond = {
+        diamond: dict[str, Any] = {
             "marker": "D",
             "markersize": 11,
             "markerfacecolor": "none",
@@ -257,7 +270,7 @@ def _draw_bar(axes: Axes, inputs: MapPictureInput) -> None:
     axes.spines[:].set(visible=True, color=palette.quiet)
 
 
-def _write_legend(figure: Figure, handles: list[Artist], inputs: MapPictureInput) -> None:
+def _write_legend(figure: Figure, handles: list[Line2D], inputs: MapPictureInput) -> None:
     """What the marks are, and below it what the map does not take into account."""
     from matplotlib.lines import Line2D
 
@@ -268,7 +281,12 @@ def _write_legend(figure: Figure, handles: list[Artist], inputs: MapPictureInput
     if inputs.map.note:
         handles.append(Line2D([], [], linestyle="", label=fill(inputs.map.note, 50)))
     x, top, _, _ = frame.share(frame.bottom + 106, frame.bottom + 106)
-    place = {"loc": "upper left", "bbox_to_anchor": (x, top), "borderpad": 0.0, "borderaxespad": 0.0}
+    place: dict[str, Any] = {
+        "loc": "upper left",
+        "bbox_to_anchor": (x, top),
+        "borderpad": 0.0,
+        "borderaxespad": 0.0,
+    }
     size = 12 if len(handles) < 9 else 10
     figure.legend(
         handles=handles, **place, fontsize=size, labelcolor=palette.ink, handlelength=1.6, labelspacing=0.5

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import viser
@@ -130,7 +130,7 @@ def draw_picture(frame: Frame, shape: float) -> NDArray[np.uint8]:
         figure = page_figure(WIDTH, height, palette.paper)
         axes = figure.add_axes((LEFT, 1.0 - VISIBLE + 110.0 / height, 0.97 - LEFT, VISIBLE - 170.0 / height))
         _draw_curves(axes, frame, scale.factor)
-        style = {"color": palette.ink, "fontsize": 24}
+        style: dict[str, Any] = {"color": palette.ink, "fontsize": 24}
         axes.set_title(scale.label(short(frame.state.tuning.name, 24)), fontweight="normal", **style)
         axes.set_xlabel(time_label(time_axis(frame), before_now=follows(frame)), **style)
         axes.tick_params(labelsize=20, labelcolor=palette.ink)
@@ -163,7 +163,7 @@ def _draw_curves(axes: Axes, frame: Frame, factor: float) -> None:
     raws = [(one.name, one.raw, colours[one.colour % len(colours)]) for one in frame.sensors]
     raws = raws or [("raw", shown.raw, palette.raw)]
     for name, raw, colour in raws:
-        marks = {"marker": ".", "linestyle": ""} if np.isnan(raw).any() else {}
+        marks: dict[str, Any] = {"marker": ".", "linestyle": ""} if np.isnan(raw).any() else {}
         axes.plot(x, factor * raw, color=colour, linewidth=1.5, label=short(name, 12), **marks)
     low, high = axes.get_ylim()
     filtered, spread = factor * frame.filtered, factor * np.where(np.isfinite(frame.spread), frame.spread, np.nan)
