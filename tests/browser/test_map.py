@@ -11,6 +11,7 @@ from kalscope import FilterParams, estimate, kalman_filter, open_source, startin
 from kalscope_app.program.user_settings import UserSettings
 from kalscope_app.session.opening import opened
 from kalscope_app.studies.tuning_map import MapFrame, MapMaker
+from kalscope_app.views.charts import DARK, LIGHT
 from kalscope_app.views.window import LEFT_WIDTH
 
 pytestmark = pytest.mark.browser
@@ -65,6 +66,10 @@ class MapScreen:
             return rgb[round(down), round(across)]
 
         background = colour(8, frame.height - 8)
+        scheme = self.page.evaluate("() => document.documentElement.dataset.mantineColorScheme")
+        paper = bytes.fromhex((DARK if scheme == "dark" else LIGHT).paper[1:])
+        if np.abs(background - np.frombuffer(paper, np.uint8).astype(int)).sum() > 150:
+            return False  # the picture of the other theme
         corners = [
             (x, dx, y, dy)
             for x, dx in ((frame.left, 1), (frame.right, -1))
