@@ -28,6 +28,7 @@ from kalscope_app.views.board import BoardView, compared
 from kalscope_app.views.chart_tabs import AllanView, AlternativesView, ChannelsView, SpectrumView
 from kalscope_app.views.checks import ChecksView, VerdictView
 from kalscope_app.views.export import CodeView, CommandLineView, ReportView, TuningFileView, device_notes
+from kalscope_app.views.fleet import FleetTab
 from kalscope_app.views.fusion import FusionView
 from kalscope_app.views.goal import MORE_FOLDER, GoalView
 from kalscope_app.views.help import FirstSteps, HelpView
@@ -124,6 +125,7 @@ class Dashboard:
             self._alternatives = AlternativesView(gui, self.session)
         with channels:
             self._channels = ChannelsView(gui, self.session)
+        self._fleet = FleetTab(gui, self._panels.right, self.session, self._jobs, self._source.open_device)
         with noise:
             self._spectrum, self._allan = SpectrumView(gui), AllanView(gui)
         self._commands = Commands(gui)
@@ -236,6 +238,7 @@ class Dashboard:
         if self._last is None or not only_grown(self._last, frame):
             for view in self._variants, self._channels, self._code, self._board, self._command_line:
                 self._draw(frame, view.show)
+        self._draw(frame.state.fleet, self._fleet.show)
         self._commands.show()
         self._last = frame
         source = frame.state.recording.source

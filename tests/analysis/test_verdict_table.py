@@ -214,7 +214,7 @@ def test_a_goal_is_never_called_a_mistake_and_no_advice_undoes_it(name, at):
     if said.status == "as_chosen":
         momentum = "with this momentum " if params.momentum else ""
         assert said.headline.startswith(f"You chose {goal}. The best statistical fit {momentum}would ")
-        assert (said.word, said.tone) == ("as chosen", "note")
+        assert (said.word, said.tone) == ("set by your goal", "note")
     elif said.tone != "bad":
         assert said.headline.startswith(f"You chose {goal}. ")
 

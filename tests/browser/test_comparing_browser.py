@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from screen import FIND, PICTURES
 
-from kalscope import kalman_filter, open_source, starting_params
+from kalscope import kalman_filter, open_source, starting_params, steady_state
 from kalscope.analysis.alternatives import compare_alternatives
 from kalscope.analysis.spectrum import allan_deviation
+from kalscope.common.text import frequency
 
 pytestmark = pytest.mark.browser
 
@@ -35,7 +36,8 @@ def test_simpler_filters_spectrum_and_allan_deviation_in_both_themes(start):
     screen.shot("compare-all")
 
     screen.tab("Noise")
-    screen.page.get_by_text("Cut-off (−3 dB): 4.85 Hz").wait_for()
+    cutoff = frequency(steady_state(params, demo.sample_period).cutoff_hz)
+    screen.page.get_by_text(f"Cut-off (−3 dB): {cutoff}").wait_for()
     assert screen.page.evaluate(f"() => ({FIND})('removed').scales.x.distr") == 3
     ticks = screen.page.evaluate(f"() => ({FIND})('removed').axes[0]._values")
     assert {"0.5", "1", "10"} <= set(ticks)

@@ -58,7 +58,7 @@ def test_sensors_are_fused_one_drops_out_and_the_file_brings_them_back(start, tm
     press(screen, "Stop fusing")
     screen.text_box("measurement noise r").wait_for()
     screen.tab("Export")
-    press(screen, "Load tuning file")
+    screen.upload("Upload tuning file", tmp_path / "tuning.toml")
     screen.wait_for_line("fused", tuned, 1e-9)
     screen.tab("Tune")
     press(screen, "Undo")

@@ -84,7 +84,7 @@ def headless(state: State, folder: Path) -> Iterator[tuple[Headless, viser.Clien
         patch.setenv(FOLDER_VARIABLE, str(folder / "config"))  # commands change what is kept between starts
         patch.setattr(live, "list_ports", lambda: ())  # those of this machine have nothing to do with a test
         patch.setattr(live, "PORTS_INTERVAL", 1e6)
-        patch.setattr(map, "SIZE", (200.0, 400.0))  # a quarter of the pixels to draw and to pack
+        patch.setattr(map, "SHARPNESS", 1)  # a quarter of the pixels to draw and to pack
         bench = Headless(Dashboard(guarded.server, state, folder))
         logging.getLogger().addHandler(bench)
         with Guest(guarded.port, guarded.token) as guest:

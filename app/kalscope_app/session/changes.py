@@ -448,8 +448,6 @@ def _set_fleet(state: State, name: str, kept: Callable[[Any], Any], value: Any) 
 
 find_devices = partial(_set_fleet, "find", lambda text: one_line(str(text))[:200].strip())
 """List the devices whose names contain a text."""
-pick_device = partial(_set_fleet, "picked", lambda row: row)
-"""Show which device a point of the map is, by its row; None: none is picked."""
 set_at_shared = partial(_set_fleet, "at_shared", bool)
 """Open devices at the filter for all, or each at its own."""
 
@@ -468,8 +466,6 @@ def at_device(state: State, fleet: Fleet, i: int) -> State:
         return state.with_answers(note=f"{name} has no q and r: {one_line(fleet.devices.reasons[i])[:200]}.")
     after = adapted(state, device_tuning(fleet, i, shared=shared))
     which = "the filter for all" if shared else "its own filter"
-    if after.fleet is not None and after.fleet.picked is not None:
-        after = replace(after, fleet=replace(after.fleet, picked=None))
     return after.with_answers(note=f"{name} at {which}. {after.answers.note}".strip())
 
 

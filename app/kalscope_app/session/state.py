@@ -276,7 +276,7 @@ def _scaled(variance: float, factor: float) -> float:
 # The open fleet: its arrays, how its devices are sorted and coloured.
 
 
-MAX_ROWS = 12
+MAX_ROWS = 20
 """Devices in the table; the file has them all."""
 MAX_DECADES = 12.0
 """Decades of q or r up to which the map covers all devices; in a wider fleet 1 % lie on each of its edges."""
@@ -317,19 +317,20 @@ class OpenFleet:
     """Whether a device is opened at the filter for all; else at its own."""
     find: str = ""
     """What the names of the devices in the table contain, in any letter case; "" = all."""
-    picked: int | None = None
-    """The row whose point in the map was clicked; a second click opens it."""
+
+    @cached_property
+    def ranked(self) -> Indices:
+        """All rows: first those that its order ranks, then the others."""
+        order = ORDERS[self.order](self.fleet)
+        return np.concatenate([order, np.setdiff1d(np.arange(len(self.fleet)), order)])
 
     @cached_property
     def rows(self) -> list[int]:
-        """The rows of the table whose names contain `find`: first those that its order ranks, then the others."""
-        order = ORDERS[self.order](self.fleet)
+        """The rows of the table: those whose names contain `find`, or all that its order ranks."""
         if not self.find:
-            return order[:MAX_ROWS].tolist()
-        devices, wanted = self.fleet.devices, self.find.casefold()
-        rest = np.setdiff1d(np.arange(len(devices)), order)
-        found = (i for i in np.concatenate([order, rest]).tolist() if wanted in devices.name(i).casefold())
-        return list(islice(found, MAX_ROWS))
+            return ORDERS[self.order](self.fleet)[:MAX_ROWS].tolist()
+        name, wanted = self.fleet.devices.name, self.find.casefold()
+        return list(islice((i for i in self.ranked.tolist() if wanted in name(i).casefold()), MAX_ROWS))
 
     @cached_property
     def corners(self) -> tuple[tuple[float, float], ...]:

@@ -10,15 +10,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from kalscope.common.numbers import Array, Indices, Mask
-from kalscope.common.text import count, one_line, trimmed
+from kalscope.common.text import count
 from kalscope.estimation.fit import estimate
 from kalscope.estimation.likelihood import Profile, likelihood_contour, loglik_map
 from kalscope.estimation.momentum import likelihood_profile
 from kalscope.estimation.result import Estimate
-from kalscope.filtering.params import FilterParams
-from kalscope.filtering.steady import ratio_for, steady_state
+from kalscope.filtering.steady import ratio_for
 from kalscope_app.engine.filter_runs import Cache
-from kalscope_app.session.state import OpenFleet, State, loss_text
+from kalscope_app.session.state import OpenFleet, State
 
 if TYPE_CHECKING:
     from kalscope.fleet.results import Fleet
@@ -44,20 +43,17 @@ MAX_DECADES = 12
 class MapFrame:
     """The rectangle of the map inside its picture, pixels, and what its edges mean."""
 
-    width: float
-    """Width of the picture."""
-    height: float
-    """Height of the picture."""
-    left: float
-    top: float
-    right: float
-    bottom: float
     q: Range
     """Exponents of q at the left and the right edge."""
     r: Range
     """Exponents of r at the bottom and the top edge."""
     momentum: float = 0.0
     """Momentum of every filter on the map, samples."""
+
+    width, height = 400.0, 800.0
+    """Of the picture, px. Each browser fits it into the space between its panels."""
+    left, top, right, bottom = 62.0, 56.0, 346.0, 482.0
+    """Edges of the map; names and numbers are around it, the legend below."""
 
     def pixel(self, point: Point) -> Point:
         """Where a pair of exponents (q, r) lies, also outside the rectangle; infinite ones far outside."""
@@ -75,61 +71,33 @@ class MapFrame:
         q, r = point
         return min(max(q, self.q[0]), self.q[1]), min(max(r, self.r[0]), self.r[1])
 
+    def share(self, top: float, bottom: float) -> tuple[float, float, float, float]:
+        """A strip as wide as the map from `top` to `bottom`, pixels: left, bottom, width, height in shares."""
+        left, up = self.left / self.width, 1.0 - bottom / self.height
+        return left, up, self.right / self.width - left, (bottom - top) / self.height
+
     def inside(self, pixel: Point) -> bool:
         """Whether a pixel lies in the rectangle or on its edge."""
         return self.left <= pixel[0] <= self.right and self.top <= pixel[1] <= self.bottom
 
 
-def frame_for(width: float, height: float, q: Range, r: Range, momentum: float = 0.0) -> MapFrame:
-    """The map in a picture: space for names and numbers around it and for the legend below."""
-    left, right, top = 62.0, width - 54.0, 56.0
-    bottom = min(height - LEGEND_HEIGHT, top + 1.5 * (right - left))
-    return MapFrame(width, height, left, top, max(right, left + 50.0), max(bottom, top + 50.0), q, r, momentum)
+def lag_lines(frame: MapFrame, sample: float) -> list[tuple[float, Point]]:
+    """Lags in samples of 1, 3, 10, 30 … units whose line q/r crosses the map, and the exponents where it leaves.
 
-
-LEGEND_HEIGHT = 258.0
-"""Pixels under the map: numbers, name of the axis, colour bar, legend, a sentence."""
-
-
-@dataclass(frozen=True)
-class Diagonal:
-    """A line q/r = const across the map."""
-
-    start: Point
-    """Pixel where it enters, at the left or the bottom edge."""
-    end: Point
-    """Pixel where it leaves, at the top or the right edge."""
-    lag: float
-    """Lag on a ramp, samples."""
-
-
-def diagonal(frame: MapFrame, ratio: float) -> Diagonal | None:
-    """The line q/r = `ratio` > 0 inside the rectangle; None if it misses it."""
-    shift = math.log10(ratio)  # log q − log r
-    first, last = max(frame.q[0], frame.r[0] + shift), min(frame.q[1], frame.r[1] + shift)
-    if first >= last:
-        return None
-    start, end = (frame.pixel((q, q - shift)) for q in (first, last))
-    params = FilterParams(q=ratio, r=1.0, momentum=frame.momentum)
-    return Diagonal(start, end, steady_state(params).lag_samples)
-
-
-def lag_lines(frame: MapFrame, sample: float) -> list[Diagonal]:
-    """Lines of equal lag at 1, 3, 10, 30 … units, those that cross the map; `sample`: units in one sample.
-
-    A map of very many decades has fewer of them: 1, 1000, 1e6 …
+    A map of very many decades has fewer of them: 1, 1000, 1e6 … `sample` is a sample's length in units.
     """
     lowest = math.floor(math.log10(NO_FILTERING * sample))
     highest = math.ceil(0.5 * (frame.r[1] - frame.q[0]) + math.log10(sample))
     step = max(1, math.ceil((highest - lowest) / MAX_DECADES))
-    lines: list[Diagonal] = []
+    lines: list[tuple[float, Point]] = []
     for decade in range(lowest, highest + 1, step):
         for lead in (1.0, 3.0) if step == 1 else (1.0,):
             lag = lead * 10.0**decade / sample
             ratio = ratio_for(lag_samples=lag, momentum=frame.momentum) if lag >= NO_FILTERING else 0.0
-            line = diagonal(frame, ratio) if ratio > 0.0 else None
-            if line is not None:
-                lines.append(line)
+            shift = math.log10(ratio) if ratio > 0.0 else math.inf  # log q − log r
+            end = min(frame.q[1], frame.r[1] + shift)
+            if max(frame.q[0], frame.r[0] + shift) < end:
+                lines.append((lag, (end, end - shift)))
     return lines
 
 
@@ -150,24 +118,10 @@ CELLS = (142, 213)
 """Cells of the density along q and r, each about two pixels of the page wide."""
 LOSSES = (0.1, 0.3)
 """Growth of the prediction error at which the colour of a device changes."""
-LOSS_WORDS = ("loses less than 10 %", "10 to 30 %", "above 30 %", "not judged")
+LOSS_WORDS = ("loses less than 10 %", "10 to 30 %", "above 30 %", "too short to tell")
 """What the colours mean."""
-MAX_NAME = 36
-"""Characters of the name of a device that was clicked."""
 REACH = 8.0
 """Pixels of the picture from which a click takes the nearest point."""
-
-
-@dataclass(frozen=True)
-class Picked:
-    """A device that was clicked."""
-
-    device: int
-    """Its row."""
-    point: Point
-    """Its exponents (q, r), clamped to the map."""
-    words: tuple[str, ...]
-    """The text about it, line by line."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -191,8 +145,6 @@ class FleetLayer:
     """The filter for all; None where there is none."""
     ratio_ends: tuple[float, float] | None
     """log₁₀ of the q/r that the fleet allows, 95 %; None where it is not known."""
-    picked: Picked | None = None
-    """The device that was clicked."""
 
     @property
     def unit(self) -> str:
@@ -238,47 +190,21 @@ def fleet_layer(open_fleet: OpenFleet, q: Range, r: Range) -> FleetLayer:
         words=tuple(f"{word}: {count(size)}" if size else "" for word, size in zip(LOSS_WORDS, sizes, strict=True)),
         shared=None if shared is None else exponents_of(shared.params.q, float(shared.params.r)),
         ratio_ends=(math.log10(ends[0]), math.log10(ends[1])) if known and ends is not None else None,
-        picked=_picked(fleet, open_fleet.picked, q, r),
     )
-
-
-def _picked(fleet: Fleet, device: int | None, q: Range, r: Range) -> Picked | None:
-    """The device that was clicked, and the text about it."""
-    devices = fleet.devices
-    if device is None or not devices.usable[device]:
-        return None
-    pair, growth = (float(devices.q[device]), float(devices.r[device])), float(fleet.growth[device])
-    loss = "" if math.isnan(growth) else f", loss {loss_text(growth)}"
-    name = one_line(devices.name(device))
-    words = (
-        name if len(name) <= MAX_NAME else f"…{name[1 - MAX_NAME :]}",
-        f"q {trimmed(pair[0])}, r {trimmed(pair[1])}{loss}",
-        "click it again to open it",
-    )
-    x, y = (math.log10(value) for value in pair)
-    return Picked(device, (min(max(x, q[0]), q[1]), min(max(y, r[0]), r[1])), words)
 
 
 def _points(fleet: Fleet, usable: Indices) -> Indices:
-    """Which of the devices with q and r are points, the most remarkable last."""
-    distance, growth = (np.nan_to_num(one[usable], posinf=1e9) for one in (fleet.distance, fleet.growth))
-    by_distance = np.argsort(distance, kind="stable")
+    """Which of the devices with q and r are points, the most remarkable last: of a large fleet the odd ones."""
+    order = np.argsort(np.nan_to_num(fleet.distance[usable], posinf=1e9), kind="stable")
     if len(usable) <= MAX_POINTS:
-        return by_distance
-    odd: Mask = fleet.outlier[usable] | (growth > LOSSES[0])
-    half = MAX_POINTS // 2
-    wanted = np.zeros(len(usable), dtype=bool)
-    for order in (by_distance, np.argsort(growth, kind="stable")):
-        wanted[order[odd[order]][-half:]] = True
-    return by_distance[wanted[by_distance]]
+        return order
+    odd: Mask = fleet.outlier[usable] | (np.nan_to_num(fleet.growth[usable]) > LOSSES[-1])
+    return order[odd[order]][-MAX_POINTS:]
 
 
 def _density(logs: Array, q: Range, r: Range) -> Array:
     """Devices in each cell, by their logarithm, as shares of the fullest one."""
-    columns, rows = CELLS
-    across = np.clip(((logs[:, 0] - q[0]) / (q[1] - q[0]) * columns).astype(int), 0, columns - 1)
-    up = np.clip(((logs[:, 1] - r[0]) / (r[1] - r[0]) * rows).astype(int), 0, rows - 1)
-    devices = np.bincount(up * columns + across, minlength=rows * columns).reshape(rows, columns)
+    devices = np.histogram2d(logs[:, 1], logs[:, 0], CELLS[::-1], (r, q))[0]
     return np.log1p(devices) / np.log1p(devices.max())
 
 
@@ -313,9 +239,9 @@ class Scan:
     """Momentum of every pair, samples."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class TuningMap:
-    """What is drawn in the middle of the screen."""
+    """What is drawn in the middle of the screen; compared by identity."""
 
     q: Range
     """Exponents of q at the left and the right edge."""

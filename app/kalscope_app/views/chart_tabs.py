@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 import viser
@@ -10,7 +11,7 @@ import viser
 from kalscope.analysis.alternatives import Alternative
 from kalscope.analysis.filter_errors import Difference
 from kalscope.common.numbers import Array
-from kalscope.common.text import count, decibels, frequency, lag_text, number, percent, squared
+from kalscope.common.text import count, frequency, lag_text, noise_left, number, percent, squared
 from kalscope.filtering.steady import steady_state
 from kalscope_app.engine.frame import Frame
 from kalscope_app.session.changes import (
@@ -30,7 +31,6 @@ from kalscope_app.views.charts import (
     Chart,
     ChartLayout,
     ChartLine,
-    Palette,
     Scale,
     axes,
     dots,
@@ -75,7 +75,7 @@ EXPORT_HINT = "Uses the drawn filter instead of yours, and opens the Export tab.
 
 NOTHING = "Only the Kalman filter of one channel can be compared at its lag."
 
-HEADS = ("filter", "setting", "lag", "noise", "{error}", "compared with yours")
+HEADS = ("filter", "setting", "lag", "noise left", "{error}", "compared with yours")
 
 MAX_UNBROKEN = 13
 """Characters from which a cell of the table may break, so that its seven columns fit at 1280 px."""
@@ -159,10 +159,9 @@ class AlternativesView:
                     compared.curve(one), line(one.name, colours.get(one.name, palette.truth), 1.5, scaled=False)
                 )
             )
-        series = ({"label": time_label(clock)}, *(one.style for one in lines))
-        gaps = frozenset(i for i, one in enumerate(lines) if one.gaps)
-        layout = ChartLayout(series, axes(scale.label(short(state.channel, 14))), gaps=gaps)
-        self._chart.show(time * clock.factor, [one.y * scale.factor for one in lines], layout, state.view.resets)
+        y_axes = axes(scale.label(short(state.channel, 14)))
+        x, resets = time * clock.factor, state.view.resets
+        self._chart.draw(x, time_label(clock), lines, y_axes, resets, factor=scale.factor)
 
 
 def verdict_of(compared: Compared) -> str:
@@ -195,22 +194,11 @@ def text_of(compared: Compared) -> str:
     head[AT_OVERSHOOT:AT_OVERSHOOT] = ["overshoot"] if state.tuning.momentum else []
     rows = [cells(one, state) for one in (found.present, *found.others)]
     table = "\n".join(f"| {' | '.join(row)} |" for row in rows)
-    said = "\n".join(f"- {described(one)}" for one in (*compared.alternatives, found.present))
+    said = "\n".join(f"- **{one.name}.** {one.sentence}" for one in (*compared.alternatives, found.present))
     return (
         f"| {' | '.join(head)} |\n|{'---|' * len(head)}\n{table}\n\n{found.identity}\n\n{said}\n\n{found.note} "
         "The intervals in brackets hold jointly in 95 % of cases. Cut-offs are in cycles per sample."
     )
-
-
-def described(one: Alternative) -> str:
-    """Its advantages and disadvantages, and what it costs."""
-    start = (
-        "starts at once" if one.start_samples <= 1 else f"forgets its start in {count(one.start_samples)} samples"
-    )
-    memory = "needs the whole recording" if one.memory == 0 else f"remembers {count(one.memory)} numbers"
-    if one.memory == 1:
-        memory = "remembers one number"
-    return f"**{one.name}.** {one.sentence} It {start} and {memory}. Where samples are missing it {one.gaps}."
 
 
 def cells(one: Alternative, state: State) -> list[str]:
@@ -222,7 +210,7 @@ def cells(one: Alternative, state: State) -> list[str]:
         else one.name,
         one.parameters,
         lag_text(one.lag_samples, state.recording.sample_period) if one.causal else "looks ahead",
-        "–" if np.isnan(one.noise_reduction_db) else decibels(-one.noise_reduction_db),
+        "–" if np.isnan(one.noise_reduction_db) else noise_left(one.noise_reduction_db),
         *((_overshoot(one.overshoot),) if state.tuning.momentum else ()),
         "–" if error is None else number(error, 4),
         against(one.against) if one.matched or one.against is None else "not at this " + state.view.match_by,
@@ -295,29 +283,25 @@ class ChannelsView:
 
 
 def lanes_of(overview: Overview) -> tuple[Array, list[Array], ChartLayout]:
-    """The chart: lane 1 on top; raw pale, filtered bold, the channel on screen in its own colour."""
+    """The chart: lane 1 on top; raw and filtered in the colours of the Signal tab, the channel on screen bolder."""
     state = overview.state
     palette = DARK if state.view.dark else LIGHT
     span = float(overview.time[-1] - overview.time[0]) if len(overview.time) > 1 else 1.0
     clock = time_scale_for(span, state.recording.sample_period)
-    ys: list[Array] = []
-    series: list[dict[str, object]] = [{"label": time_label(clock)}]
+    lines: list[ChartLine] = []
     for i, lane in enumerate(overview.lanes, 1):
-        ys += [i - HALF_LANE * lane.raw, i - HALF_LANE * lane.filtered]
-        series += [line(f"{i} raw", palette.raw), line(f"{i}", colour_of(lane, state, palette), 2)]
+        width = 3 if state.measured == (lane.name,) else 2
+        lines += gappy(f"{i} raw", i - HALF_LANE * lane.raw, palette.raw)[:1]
+        lines.append(ChartLine(i - HALF_LANE * lane.filtered, line(f"{i}", palette.filtered, width)))
     across, up = axes("channel")
     layout = ChartLayout(
-        tuple(series),
+        ({"label": time_label(clock)}, *(one.style for one in lines)),
         ({**across, "label": time_label(clock), "size": 34}, {**up, "incrs": (1,), "space": 8}),
+        gaps=frozenset(i for i, one in enumerate(lines) if one.gaps),
         y_range=(0.5, len(overview.lanes) + 0.5),
         y_down=True,
     )
-    return overview.time * clock.factor, ys, layout
-
-
-def colour_of(lane: Lane, state: State, palette: Palette) -> str:
-    """The channel on screen as in the Signal tab, the others blue."""
-    return palette.filtered if state.measured == (lane.name,) else palette.truth
+    return overview.time * clock.factor, [one.y for one in lines], layout
 
 
 def lead_of(overview: Overview) -> str:
@@ -325,8 +309,8 @@ def lead_of(overview: Overview) -> str:
     if not overview.lanes:
         return ONE
     names = overview.state.recording.names
-    current = "" if overview.state.fusion is not None else ", the current channel in orange"
-    said = f"Each channel fills its own lane: **raw** thin, **filtered** bold{current}."
+    current = "" if overview.state.fusion is not None else ", the current channel bolder"
+    said = f"Each channel fills its own lane: **raw** grey, **filtered** orange{current}."
     more = len(names) - len(overview.lanes)
     return f"{said} {count(more)} more than {MAX_LANES} are not drawn." if more else said
 
@@ -335,37 +319,27 @@ def table_of(overview: Overview) -> str:
     """The channels with their settings; markdown, names escaped."""
     if not overview.lanes:
         return ""
-    state, period = overview.state, overview.state.recording.sample_period
-    with_momentum = any(tuning.momentum for tuning in state.settings.tunings)
-    with_missing = any(lane.missing for lane in overview.lanes)
-    head = [
-        "",
-        "channel",
-        "q",
-        "r",
-        *(["τ"] if with_momentum else []),
-        "lag",
-        "noise",
-        "from … to",
-        *(["missing"] if with_missing else []),
-    ]
-    lines = ["| " + " | ".join(head) + " |", "|" + "---|" * len(head)]
-    for i, lane in enumerate(overview.lanes):
-        tuning, unit = state.settings.tunings[i], escape_markdown(state.settings.tunings[i].unit, 12)
-        bold = "**" if state.measured == (lane.name,) else ""
-        cells = [f"{bold}{i + 1}{bold}", f"{bold}{escape_markdown(lane.name, 24)}{bold}"]
-        if not tuning.filter.is_standard:
-            cells += ["–"] * (5 if with_momentum else 4)
-        else:
-            steady = steady_state(tuning.params)
-            cells += [number(tuning.q), number(tuning.r)]
-            times = [momentum_words(tuning.momentum, period)] if with_momentum else []
-            times += [lag_text(steady.lag_samples, period), decibels(-steady.noise_reduction_db)]
-            cells += [text.replace(" ", "\u00a0") for text in times]
-        reach = f"{number(lane.low)} … {number(lane.high)} {unit}".strip() if np.isfinite(lane.low) else "–"
-        cells += [reach, *([count(lane.missing) if lane.missing else "–"] if with_missing else [])]
-        lines.append("| " + " | ".join(cells) + " |")
-    return "\n".join(lines)
+    rows = [_row(overview.state, i, lane) for i, lane in enumerate(overview.lanes)]
+    heads = [head for head in rows[0] if head not in ("τ", "missing") or any(row[head] != "–" for row in rows)]
+    lines = [heads, ["---"] * len(heads), *([row[head] for head in heads] for row in rows)]
+    return "\n".join(f"| {' | '.join(cells)} |" for cells in lines)
+
+
+def _row(state: State, i: int, lane: Lane) -> dict[str, str]:
+    """The cells of a channel, by the heads of the table."""
+    tuning, period = state.settings.tunings[i], state.recording.sample_period
+    bold, unit = "**" if state.measured == (lane.name,) else "", escape_markdown(tuning.unit, 12)
+    row = {"": f"{bold}{i + 1}{bold}", "channel": f"{bold}{escape_markdown(lane.name, 24)}{bold}"}
+    row |= dict.fromkeys(("q", "r", "τ", "lag", "noise left"), "–")
+    if tuning.filter.is_standard:
+        steady = steady_state(tuning.params)
+        row |= {"q": number(tuning.q), "r": number(tuning.r)}
+        row["τ"] = momentum_words(tuning.momentum, period) if tuning.momentum else "–"
+        row["lag"] = lag_text(steady.lag_samples, period).replace(" ", "\u00a0")
+        row["noise left"] = noise_left(steady.noise_reduction_db).replace(" ", "\u00a0")
+    row["from … to"] = f"{number(lane.low)} … {number(lane.high)} {unit}".strip() if np.isfinite(lane.low) else "–"
+    row["missing"] = count(lane.missing) if lane.missing else "–"
+    return row
 
 
 # The Noise tab: densities with the filter's response, and the Allan deviation beside the model's.
@@ -396,47 +370,47 @@ class SpectrumView:
             self._density.hide()
             self._response.hide()
             return
-        palette = DARK if spectra.state.view.dark else LIGHT
+        palette, resets = DARK if spectra.state.view.dark else LIGHT, spectra.state.view.resets
         hertz = log_scale_for(spectra.frequency, "Hz" if spectra.found.in_hertz else "cycles/sample")
         self._text.content = f"**{cutoff_words(spectra, hertz)}**"
         self._note.content = spectra.found.note
-        self._draw_density(spectra, palette, hertz)
-        self._draw_response(spectra, palette, hertz)
+        label, fine = f"frequency ({hertz.unit})", spectra.fine * hertz.factor
 
-    def _draw_density(self, spectra: Spectra, palette: Palette, hertz: Scale) -> None:
         unit = squared(spectra.state.tuning.unit)
         unit = f"{unit}/Hz" if spectra.found.in_hertz else f"{unit} per cycle/sample"
+        names = (("raw", palette.raw), ("filtered", palette.filtered), ("removed", palette.innovation))
         low, high, ys = floored(spectra.densities)
-        scale = log_scale_for(np.array([low, high]), unit)
-        colours = (("raw", palette.raw), ("filtered", palette.filtered), ("removed", palette.innovation))
-        x, across = (values * hertz.factor for values in (spectra.frequency, spectra.fine))
-        reach = (low * scale.factor, high * scale.factor)
-        layout = ChartLayout(
-            ({"label": f"frequency ({hertz.unit})"}, *(line(name, colour, 2) for name, colour in colours)),
-            log_axes(across, reach, scale.label("density")),
-            y_range=reach,
-            log_x=True,
-            log_y=True,
-        )
-        ends = (float(across[0]), float(across[-1]))  # as the response, which a low cut-off makes longer
-        self._density.show(x, [y * scale.factor for y in ys], layout, spectra.state.view.resets, ends)
+        lines = [ChartLine(y, line(name, colour, 2)) for y, (name, colour) in zip(ys, names, strict=True)]
+        ends = float(fine[0]), float(fine[-1])  # as the response, which a low cut-off makes longer
+        x = spectra.frequency * hertz.factor
+        draw_log(self._density, x, label, lines, (low, high, "density", unit), fine, resets, ends)
 
-    def _draw_response(self, spectra: Spectra, palette: Palette, hertz: Scale) -> None:
-        x = spectra.fine * hertz.factor
         cut = np.where(spectra.fine == spectra.found.cutoff, spectra.response_db, np.nan)
+        response = ChartLine(spectra.response_db, line("response (dB)", palette.filtered, 2))
+        lines = [response, ChartLine(cut, dots("−3 dB", palette.truth, 11), gaps=True)]
         lowest, highest = float(spectra.response_db.min()), float(spectra.response_db.max())
-        layout = ChartLayout(
-            (
-                {"label": f"frequency ({hertz.unit})"},
-                line("response (dB)", palette.filtered, 2),
-                dots("−3 dB", palette.truth, 11),
-            ),
-            log_axes(x, None, "response (dB)"),
-            gaps=frozenset({1}),
-            y_range=(min(-6.0, 5.0 * math.floor(lowest / 5.0)), max(2.0, math.ceil(highest + 0.5))),
-            log_x=True,
-        )
-        self._response.show(x, [spectra.response_db, cut], layout, spectra.state.view.resets)
+        reach = min(-6.0, 5.0 * math.floor(lowest / 5.0)), max(2.0, math.ceil(highest + 0.5))
+        y_axes = log_axes(fine, None, "response (dB)")
+        self._response.draw(fine, label, lines, y_axes, resets, y_range=reach, log_x=True)
+
+
+def draw_log(
+    chart: Chart,
+    x: Array,
+    x_label: str,
+    lines: list[ChartLine],
+    y: tuple[float, float, str, str],
+    ticks: Array,
+    resets: object,
+    ends: tuple[float, float] | None = None,
+    **layout: Any,
+) -> None:
+    """Draw on two logarithmic axes; `y` is its lower and upper end, its name and its unit."""
+    scale = log_scale_for(np.array(y[:2]), y[3])
+    reach = y[0] * scale.factor, y[1] * scale.factor
+    layout |= {"y_range": reach, "log_x": True, "log_y": True}
+    y_axes = log_axes(ticks, reach, scale.label(y[2]))
+    chart.draw(x, x_label, lines, y_axes, resets, ends, factor=scale.factor, **layout)
 
 
 class AllanView:
@@ -455,40 +429,33 @@ class AllanView:
             self._chart.hide()
             return
         found, palette = allan.found, DARK if allan.state.view.dark else LIGHT
-        self._text.content = f"**{found.message}**"
-        self._note.content = (
-            "Allan deviation: how much neighbouring averages differ. It falls while averaging reduces the noise "
-            "(√r at one sample) and rises once the signal moves. Where the model deviates from the recording, "
-            "q or r does not fit."
-        )
+        self._text.content, self._note.content = f"**{found.message}**", ABOUT_ALLAN
         clock = log_time_scale(found.tau) if found.in_seconds else log_scale_for(found.tau, "samples")
-        low, high, ys = floored((found.deviation, found.model))
-        scale = log_scale_for(np.array([low, high]), allan.state.tuning.unit[:16])
+        low, high, (deviation, model) = floored((found.deviation, found.model))
         inside = found.size[0] <= found.best_size <= found.size[-1]  # beyond, the model is still falling
         best = np.argmin(found.model) if inside else -1
         mark = np.where(np.arange(len(found.size)) == best, found.model, np.nan)
-        edges = [np.clip(found.deviation + sign * 2.0 * found.spread, low, high) for sign in (-1.0, 1.0)]
-        x = found.tau * clock.factor
-        reach = (low * scale.factor, high * scale.factor)
+        below, above = (np.clip(found.deviation + sign * 2.0 * found.spread, low, high) for sign in (-1.0, 1.0))
         marks = {"show": True, "size": 6, "space": 0, "fill": palette.truth}
-        layout = ChartLayout(
-            (
-                {"label": f"averaging time ({clock.unit})"},
-                line("−2 σ"),
-                line("+2 σ"),
-                {**line("recording", palette.truth, 2), "points": marks},
-                line("model", palette.filtered, 2),
-                dots("minimum of the model", palette.filtered, 13),
-            ),
-            log_axes(x, reach, scale.label("Allan deviation")),
-            ({"series": (2, 1), "fill": "rgba(86, 180, 233, 0.22)"},),
-            frozenset({4}),
-            reach,
-            log_x=True,
-            log_y=True,
+        lines = [
+            ChartLine(below, line("−2 σ")),
+            ChartLine(above, line("+2 σ")),
+            ChartLine(deviation, {**line("recording", palette.truth, 2), "points": marks}),
+            ChartLine(model, line("model", palette.filtered, 2)),
+            ChartLine(mark, dots("minimum of the model", palette.filtered, 13), gaps=True),
+        ]
+        x, y = found.tau * clock.factor, (low, high, "Allan deviation", allan.state.tuning.unit[:16])
+        bands = ({"series": (2, 1), "fill": "rgba(86, 180, 233, 0.22)"},)
+        draw_log(
+            self._chart, x, f"averaging time ({clock.unit})", lines, y, x, allan.state.view.resets, bands=bands
         )
-        drawn = [*edges, *ys, mark]
-        self._chart.show(x, [y * scale.factor for y in drawn], layout, allan.state.view.resets)
+
+
+ABOUT_ALLAN = (
+    "Allan deviation: how much neighbouring averages differ. It falls while averaging reduces the noise "
+    "(√r at one sample) and rises once the signal moves. Where the model deviates from the recording, "
+    "q or r does not fit."
+)
 
 
 def cutoff_words(spectra: Spectra, axis: Scale) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -59,11 +60,11 @@ def scale_for(values: Array, unit: str) -> Scale:
 
 
 def time_scale_for(span: float, sample_period: float | None) -> Scale:
-    """Unit of a time axis that shows `span` seconds: the largest one that fits four times into it."""
+    """Unit of a time axis that shows `span` s: the largest that fits four times; ms where s needs four decimals."""
     if sample_period is None:
         return Scale(1.0, "samples")
     for unit, length in reversed(TIME_UNITS):
-        if span >= 4.0 * length:
+        if span >= (0.04 if unit == "s" else 4.0 * length):
             return Scale(1.0 / length, unit)
     return Scale(1000.0, "ms")
 
@@ -117,59 +118,83 @@ def log_ticks(low: float, high: float, room: int = 9) -> tuple[float, ...]:
 
 @dataclass(frozen=True)
 class Palette:
-    """Colours of one theme; hues from the colour-blind-safe set of the Arduino plotter.
+    """The colours of one theme: charts, map and pictures. Good and bad of the map differ in lightness alone.
 
     Every line has a contrast of 3 : 1 with its background, as WCAG 2.2 requires of graphics (1.4.11).
     """
 
     raw: str
-    raw_band: str
     filtered: str
     truth: str
     innovation: str
     gain: str
     smoothed: str
+    board: str
+    raw_band: str
     band: str
     innovation_band: str
     velocity_band: str
-    board: str
+    paper: str
+    """Behind pictures."""
+    ink: str
+    quiet: str
+    shades: tuple[str, ...]
+    """Of the map, from worst to best."""
+    best: str
+    """The most likely pair and the 95 % region on the map."""
+    devices: tuple[str, str, str, str]
+    """A fleet's devices by class, from usual to remarkable, and those without any."""
+    density: str
+    """Where many devices are."""
 
 
 LIGHT = Palette(
     raw="#8595a3",
-    raw_band="rgba(133, 149, 163, 0.34)",
     filtered="#D55E00",
     truth="#0072B2",
     innovation="#009E73",
     gain="#CC79A7",
     smoothed="#1b9e8a",
+    board="#7b3fa0",
+    raw_band="rgba(133, 149, 163, 0.34)",
     band="rgba(213, 94, 0, 0.14)",
     innovation_band="rgba(0, 158, 115, 0.14)",
     velocity_band="rgba(204, 121, 167, 0.16)",
-    board="#7b3fa0",
+    paper="#eceff2",
+    ink="#343a40",
+    quiet="#5c666f",
+    shades=("#ffffff", "#d3e3f1", "#9cc4e2", "#5a9fd0", "#2672ad", "#0b4479"),
+    best="#f7c948",
+    devices=("#ffffff", "#f0a6ca", "#c2185b", "#9aa0a6"),
+    density="#6a1b9a",
 )
-
-
 DARK = Palette(
     raw="#6f7f8d",
-    raw_band="rgba(111, 127, 141, 0.34)",
     filtered="#ff8a3d",
     truth="#56B4E9",
     innovation="#2fc99b",
     gain="#e39ac6",
     smoothed="#3fd6bd",
+    board="#c9a0ff",
+    raw_band="rgba(111, 127, 141, 0.34)",
     band="rgba(255, 138, 61, 0.20)",
     innovation_band="rgba(47, 201, 155, 0.18)",
     velocity_band="rgba(227, 154, 198, 0.20)",
-    board="#c9a0ff",
+    paper="#1e2024",
+    ink="#d5dae1",
+    quiet="#9aa4af",
+    shades=("#101317", "#152a40", "#1b4a74", "#2976b0", "#5fb4e6", "#dff3ff"),
+    best="#c2410c",
+    devices=("#ffffff", "#f0a6ca", "#ff4f98", "#9aa0a6"),
+    density="#d0a2ee",
 )
 
 
 SENSORS = {
-    False: ("#6598c3", "#a785c7", "#60a359", "#af8f3b", "#c57f8f", "#4fa09d", "#8595a3", "#a69076"),
-    True: ("#4f7796", "#7e6495", "#5b8557", "#8c783f", "#91626d", "#4b8583", "#6f7f8d", "#7b6c59"),
+    False: ("#3f73d8", "#12525f", "#e0609a", "#3d3d3d", "#6a2fa0", "#2c9c6a", "#8a6fb8", "#8f8f93"),
+    True: ("#6c9bff", "#a8e0e0", "#d0447f", "#8f9aa6", "#b58cff", "#4fb286", "#f2a6d8", "#5e7fa0"),
 }
-"""Of fused sensors in their order, light and dark: easy to tell apart, and paler than the fused line."""
+"""Of fused sensors in their order, light and dark: a deuteranope can tell the first ones and the fused line."""
 
 
 @dataclass(frozen=True)
@@ -200,6 +225,19 @@ def raw_lines(shown: DrawnSamples, palette: Palette) -> tuple[ChartLine, ...]:
         return gappy("raw", shown.raw, palette.raw)
     low, high = shown.band
     return ChartLine(low, line("raw min", palette.raw, 0.5)), ChartLine(high, line("raw max", palette.raw, 0.5))
+
+
+def lag_line(frame: Frame, palette: Palette) -> ChartLine:
+    """A level line as long as the lag, up to the filtered signal at its steepest rise; NaN where it is tiny."""
+    time, x = frame.drawn.time, frame.filtered
+    lag = float(frame.steady.lag_samples) * (frame.state.recording.sample_period or 1.0)
+    y = np.full(len(x), np.nan)
+    if len(x) > 1 and 0.005 * (time[-1] - time[0]) < lag < 0.5 * (time[-1] - time[0]):
+        begin = np.searchsorted(time, time - lag)
+        rise = np.nan_to_num(np.where(time - lag < time[0], np.nan, x - x[begin]), nan=-math.inf)
+        end = int(np.argmax(rise))
+        y[begin[end] : end + 1] = x[end]
+    return ChartLine(y, line("lag", palette.ink, 3, scaled=False), gaps=True)
 
 
 def short(name: str, limit: int) -> str:
@@ -333,6 +371,29 @@ class Chart:
             self._handle.data = self._data = data
         put(self._handle, visible=True)
 
+    def draw(
+        self,
+        x: Array,
+        x_label: str,
+        lines: Sequence[ChartLine],
+        y_axes: Sequence[dict[str, object]],
+        view: object,
+        reach: tuple[float, float] | None = None,
+        *,
+        factor: float = 1.0,
+        **layout: Any,
+    ) -> None:
+        """Draw lines whose values are times `factor`; the rest are fields of `ChartLayout`, see `show`."""
+        series = ({"label": x_label}, *(one.style for one in lines))
+        gaps = frozenset(i for i, one in enumerate(lines) if one.gaps)
+        self.show(
+            x,
+            [one.y * factor for one in lines],
+            ChartLayout(series, tuple(y_axes), gaps=gaps, **layout),
+            view,
+            reach,
+        )
+
     def _cursor(self) -> Any:
         """How the mouse works; `share` and `window` are keys of the page script, not of uPlot."""
         cursor: dict[str, Any] = {"drag": {"x": True, "y": False}, "share": self._share, "window": self._window}
@@ -351,8 +412,10 @@ class Chart:
 
 
 def same_numbers(one: tuple[Array, ...], other: tuple[Array, ...]) -> bool:
-    """Whether two tuples hold equal arrays; NaN equals nothing, so lines with gaps always count as new."""
-    return len(one) == len(other) and all(map(np.array_equal, one, other))
+    """Whether two tuples hold equal arrays."""
+    return len(one) == len(other) and all(
+        np.array_equal(a, b, equal_nan=True) for a, b in zip(one, other, strict=True)
+    )
 
 
 def _distribution(log: bool) -> dict[str, int]:

@@ -123,7 +123,7 @@ def _scale_words(q: float, r: float) -> str:
 
 UNJUDGED = "These tests judge the Kalman filter of one channel; another filter is on screen."
 
-COLOURS = {"good": (0, 122, 90), "note": (176, 98, 0), "bad": (196, 46, 22)}
+COLOURS = {"good": (0, 122, 90), "note": (150, 82, 0), "bad": (196, 46, 22)}
 """Of the word, by tone; the page lightens them for the dark theme."""
 
 
@@ -157,23 +157,16 @@ class VerdictView:
         for row in self._advice:
             row.show(None, None)
 
-    def _show_judged(self, judged: Judged) -> None:
-        self._word.label, self._word.color = word_of(judged.judgement)
-        self._headline.content = reasons_of(judged)
-        for row in self._advice:
-            row.show(None, None)
-
     def show_checks(self, checks: Checks | Judged | None) -> None:
         """Write the word and the reasons."""
-        if isinstance(checks, Judged):
-            self._show_judged(checks)
-            return
-        judgement = None if checks is None else checks.urgent
+        judged = isinstance(checks, Judged)
+        judgement = None if checks is None else checks.judgement if judged else checks.urgent
         self._word.label, self._word.color = word_of(judgement)
-        self._headline.content = UNJUDGED if judgement is None else f"**{judgement.headline}**"
-        advice = () if judgement is None else judgement.findings
+        headline = UNJUDGED if judgement is None else f"**{judgement.headline}**"
+        self._headline.content = reasons_of(checks) if judged else headline
+        advice = () if judgement is None or judged else judgement.findings
         for i, row in enumerate(self._advice):
-            row.show(advice[i] if i < len(advice) else None, checks)
+            row.show(advice[i] if i < len(advice) else None, None if judged else checks)
 
 
 def reasons_of(judged: Judged) -> str:
@@ -186,7 +179,7 @@ def reasons_of(judged: Judged) -> str:
 def word_of(judgement: Judgement | None) -> tuple[str, tuple[int, int, int]]:
     """The label of the button, and its colour."""
     if judgement is None:
-        return "not judged", COLOURS["note"]
+        return "no verdict", COLOURS["note"]
     return judgement.word, COLOURS[judgement.tone]
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 import re
-import shlex
 import threading
 import zipfile
 from collections.abc import Callable, Iterable, Iterator
@@ -18,9 +17,8 @@ import numpy as np
 import viser
 
 from kalscope.common.files import check_inside
-from kalscope.common.text import decibels, duration, frequency, lag_text, number, plural, typed_number
+from kalscope.common.text import duration, lag_text, typed_number
 from kalscope.errors import BadSetting
-from kalscope.estimation.request import Request
 from kalscope.export.csv import filtered_csv_chunks
 from kalscope.export.registry import (
     TARGETS,
@@ -33,8 +31,8 @@ from kalscope.export.registry import (
 )
 from kalscope.export.report import Report, as_html, make_report
 from kalscope.filtering.steady import steady_state
-from kalscope.tuning.file import dumps, load_tuning, save_tuning
-from kalscope.tuning.tuning import Tuning, meeting_goal, rescaled_to_period, same_period
+from kalscope.tuning.file import dumps, save_tuning
+from kalscope.tuning.tuning import Tuning, rescaled_to_period, same_period
 from kalscope_app.engine.frame import Frame
 from kalscope_app.engine.jobs import Jobs
 from kalscope_app.guard.viser_private import take_upload
@@ -42,10 +40,10 @@ from kalscope_app.session.changes import ENDING, uploaded_settings, use_settings
 from kalscope_app.session.session import Failed, Session
 from kalscope_app.session.share import share_line
 from kalscope_app.session.state import State
-from kalscope_app.views.widgets import escape_markdown, offer, on_user
-from kalscope_app.views.window import COMMAND, COPY_BUTTON, PRIMARY
+from kalscope_app.views.widgets import escape_markdown, on_user
+from kalscope_app.views.window import COPY_BUTTON, PRIMARY
 
-# Dialogs in one browser: files to read and copy, what would be overwritten, and why an export failed.
+# Dialogs in one browser: files to read and copy, and what would be overwritten.
 
 
 WIDE = """<style>
@@ -69,13 +67,6 @@ def show_files(client: viser.ClientHandle, files: dict[str, str]) -> None:
             with tabs.add_tab(name):
                 client.gui.add_text(name, text, multiline=True)
                 client.gui.add_button(COPY_BUTTON)
-        _add_close(client, window)
-
-
-def show_refusal(client: viser.ClientHandle, message: str) -> None:
-    """A dialog that stays until it is closed: such a message is too long for a notification."""
-    with client.gui.add_modal("Cannot export") as window:
-        client.gui.add_markdown(escape_markdown(f"{message[:1].upper()}{message[1:]}.", 2000))
         _add_close(client, window)
 
 
@@ -110,14 +101,8 @@ def _add_close(client: viser.ClientHandle, window: Any) -> None:
 
 TITLES = {target.title: name for name, target in TARGETS.items()}
 """Targets by their names on screen."""
-COMMON_TITLES = tuple(title for title, name in TITLES.items() if TARGETS[name].is_common)
-"""Those that the list of targets begins with."""
-
 UNEVEN = 0.5
 """Periods by which a time step must differ from one before a device would show it."""
-
-MET = 1e-3
-"""A goal that is missed by a smaller share is met."""
 
 GAPS = (
     "On screen, gaps in time count. The code and the test vectors take one period per sample: pass a NaN to the "
@@ -137,8 +122,6 @@ class Choice:
     """Sample period of the device as it was typed, s; empty = that of the recording."""
     calibration: bool = False
     """With a sketch that measures r itself, where the target has that choice."""
-    goal: Request | None = None
-    """What the channel on screen must meet at that period too, while that is its goal; None = q is converted."""
 
 
 @dataclass(frozen=True)
@@ -147,78 +130,33 @@ class DeviceNotes:
 
     lag: str
     """The lag at the period of the device, markdown; "" where it is not known."""
-    offer: str
-    """Label of the button that meets the goal there, or undoes that; "" = no button."""
     limits: str
     """What will differ from the screen, markdown; "" where nothing does."""
 
 
-def has_calibration(target: str) -> bool:
-    """Whether a target has code that measures r itself."""
-    return TARGETS[target].can_calibrate
-
-
 def device_notes(state: State, choice: Choice = Choice()) -> DeviceNotes:
     """How the filter on screen will run on the device at this choice. A study."""
-    lag = offer = ""
+    lag = ""
     if state.is_standard:
         with suppress(BadSetting):  # the limits say why
-            lag, offer = _lag_notes(state, choice)
-    return DeviceNotes(lag, offer, limits_text(state, choice))
+            lag = _lag_note(state, choice)
+    return DeviceNotes(lag, limits_text(state, choice))
 
 
-def _lag_notes(state: State, choice: Choice) -> tuple[str, str]:
-    tuning, here, goal = device_tuning(state, choice), state.recording.sample_period, goal_of(state)
-    period = tuning.sample_period
+def _lag_note(state: State, choice: Choice) -> str:
+    """The lag on the device, and as recorded where that is at another period."""
+    recorded, there = state.as_tuning(), device_tuning(state, choice)
+    here, period = recorded.sample_period, there.sample_period
     if period is None:
-        return "", ""
-    lag = _measured(tuning, state.channel, "lag_s")[1]
-    if not choice.period.strip() or here is None or same_period(period, here):
-        return f"Lag **{lag}** at {duration(period)} per sample, as recorded.", ""
-    recorded = _measured(state.as_tuning(), state.channel, "lag_s")[1]
-    text = f"Lag **{lag}** at {duration(period)} per sample; {recorded} as recorded."
-    if goal is None:
-        return text, ""
-    ((name, wanted),) = goal.target.items()
-    value, words = _measured(tuning, state.channel, name)
-    if name != "lag_s":
-        text += f" {GOALS[name].format(words)}"
-    if choice.goal == goal:
-        return text, "Use q as tuned"
-    missed = abs(value - wanted) > MET * abs(wanted)
-    return text, f"Meet {_in_words(name, wanted)} at this period" if missed else ""
-
-
-GOALS = {"lag_samples": "{}.", "cutoff_hz": "Cut-off {}.", "noise_reduction_db": "Noise {}.", "gain": "{}."}
-"""How the value of a goal is written beside the lag."""
-
-
-def _measured(tuning: Tuning, channel: str, name: str) -> tuple[float, str]:
-    """The value that a filter has for a goal, as a number and in words."""
-    steady = steady_state(tuning.channel(channel).params, tuning.sample_period)
-    if name == "lag_s":
-        samples = steady.lag_samples
-        return samples * (tuning.sample_period or 1.0), lag_text(samples, tuning.sample_period)
-    value = float(getattr(steady, name))
-    return value, _in_words(name, value)
-
-
-def _in_words(name: str, value: float) -> str:
-    return {
-        "lag_s": duration(value),
-        "lag_samples": plural(value, "sample"),
-        "cutoff_hz": frequency(value),
-        "noise_reduction_db": decibels(-value),
-        "gain": f"gain {number(value)}",
-    }[name]
-
-
-def goal_of(state: State) -> Request | None:
-    """The goal that the filter on screen was found for; None where there is no goal, or no longer one."""
-    outcome = state.answers.outcome
-    if outcome is None or outcome.after is None or outcome.request is None:
-        return None
-    return outcome.request if outcome.request.target else None
+        return ""
+    lag, before = (
+        lag_text(steady_state(one.channel(state.channel).params, one.sample_period).lag_samples, one.sample_period)
+        for one in (there, recorded)
+    )
+    same = here is None or same_period(period, here)
+    return (
+        f"Lag **{lag}** at {duration(period)} per sample{', as recorded' if same else f'; {before} as recorded'}."
+    )
 
 
 def limits_text(state: State, choice: Choice = Choice()) -> str:
@@ -272,16 +210,7 @@ def device_tuning(state: State, choice: Choice) -> Tuning:
         tuning = replace(tuning.only(None if choice.all_channels else state.channel), fusion=None)
     if not choice.period.strip():
         return tuning
-    period = typed_number("period", choice.period)
-    if choice.goal is not None and choice.goal == goal_of(state):
-        return meeting_goal(tuning, state.channel, choice.goal, period)
-    return rescaled_to_period(tuning, period)
-
-
-def toggled(choice: Choice, state: State) -> Choice:
-    """The choice after a click on the button that meets the goal, or undoes that."""
-    goal = goal_of(state)
-    return replace(choice, goal=None if choice.goal == goal else goal)
+    return rescaled_to_period(tuning, typed_number("period", choice.period))
 
 
 def packed(target: str, files: dict[str, str]) -> tuple[str, bytes]:
@@ -301,9 +230,6 @@ def packed(target: str, files: dict[str, str]) -> tuple[str, bytes]:
 
 
 THIS, ALL = "this channel", "all channels"
-MORE = "more …"
-
-TARGET_HINT = "Where it will run; more … lists every target."
 
 
 class CodeView:
@@ -313,16 +239,13 @@ class CodeView:
         self, gui: viser.GuiApi, session: Session, jobs: Jobs, tell: Callable[..., None], folder: Path
     ) -> None:
         self._session, self._jobs, self._tell, self._folder = session, jobs, tell, folder
-        self._goal: Request | None = None
-        self._title = COMMON_TITLES[0]
         with gui.add_folder("Export code"):
-            self._target = gui.add_dropdown("target", (*COMMON_TITLES, MORE), hint=TARGET_HINT)
+            self._target = gui.add_dropdown("target", tuple(TITLES), hint="Where it will run.")
             self._what = gui.add_markdown(TARGETS["arduino"].what)
             self._period = gui.add_text(
                 "device sample period (s)", "", hint="Time between two samples on the device. Empty: as recorded."
             )
             self._lag = gui.add_markdown("", visible=False)
-            self._meet = gui.add_button("Meet the goal", visible=False, hint="Changes q in the exported code only.")
             self._limits = gui.add_markdown("", visible=False)
             look = gui.add_button("Preview code", hint="Shows the files, to read and copy.")
             self._name = gui.add_text("folder", "export", hint="Inside the folder in which Kalscope was started.")
@@ -330,18 +253,11 @@ class CodeView:
             download = gui.add_button("Download", hint="One file, or a zip of several.")
             self._build_options(gui)
         on_user(self._target.on_update, lambda _client: self._show_target())
-        for box in (self._channels, self._period):
+        for box in (self._channels, self._period, self._calibration):
             on_user(box.on_update, lambda _client: self._ask_notes())
-        on_user(self._calibration.on_update, lambda _client: self._ask_notes())
-        on_user(self._meet.on_click, lambda _client: jobs.run_with_state(session, self._toggle_goal, Failed.EXPORT))
-        on_user(
-            look.on_click, lambda client: self._with_files(client, lambda _target, files: show_files(client, files))
-        )
+        on_user(look.on_click, lambda client: self._with_files(lambda files: show_files(client, files)))
         on_user(save.on_click, self._save)
-        on_user(
-            download.on_click,
-            lambda client: self._with_files(client, lambda target, files: send_files(client, target, files)),
-        )
+        on_user(download.on_click, lambda client: self._with_files(partial(self._send, client, self.choice.target)))
 
     def _build_options(self, gui: viser.GuiApi) -> None:
         with gui.add_folder("Options", expand_by_default=False) as self._options:
@@ -356,72 +272,54 @@ class CodeView:
             )
 
     def _show_target(self) -> None:
-        if self._target.value == MORE:
-            offer(self._target, TITLES, self._title)
-        self._title = self._target.value
-        name = TITLES[self._title]
+        name = TITLES[self._target.value]
         self._what.content = TARGETS[name].what
-        self._calibration.visible = has_calibration(name)
+        self._calibration.visible = TARGETS[name].can_calibrate
         self._ask_notes()
 
     def _ask_notes(self) -> None:
         self._jobs.run_with_state(self._session, lambda state: self.show_notes(device_notes(state, self.choice)))
 
-    def _toggle_goal(self, state: State) -> None:
-        self._goal = toggled(self.choice, state).goal
-        self.show_notes(device_notes(state, self.choice))
-
     @property
     def choice(self) -> Choice:
         """What is chosen now."""
-        target = TITLES[self._title]
-        calibration = self._calibration.value and has_calibration(target)
+        target = TITLES[self._target.value]
+        calibration = self._calibration.value and TARGETS[target].can_calibrate
         everything = self._channels.value == ALL
-        return Choice(target, everything, self._period.value, calibration, self._goal)
+        return Choice(target, everything, self._period.value, calibration)
 
     def _save(self, client: viser.ClientHandle) -> None:
         name = self._name.value.strip()
 
-        def save(_target: str, files: dict[str, str]) -> None:
+        def save(files: dict[str, str]) -> None:
             folder = check_inside(name, self._folder)
             if folder == self._folder.resolve() or any(part.startswith(".") for part in Path(name).parts):
                 raise BadSetting(f"the folder must be named like export (got {name!r})")
             inside = in_sketch_folder(files)
-            there = existing_files(inside, folder)
-            if there:
-                ask_to_overwrite(client, name, there, lambda: self._overwrite(inside, folder))
+            write = partial(self._write, inside, folder, force=True)
+            if there := existing_files(inside, folder):
+                ask_to_overwrite(client, name, there, lambda: self._jobs.run(write, Failed.SAVE))
             else:
                 self._write(inside, folder)
 
-        self._with_files(client, save, Failed.SAVE)
-
-    def _overwrite(self, files: dict[str, str], folder: Path) -> None:
-        self._jobs.run(lambda: self._write(files, folder, force=True), Failed.SAVE)
+        self._with_files(save, Failed.SAVE)
 
     def _write(self, files: dict[str, str], folder: Path, *, force: bool = False) -> None:
         written = write_files(files, folder, force=force)
         place = written[0].parent.relative_to(self._folder.resolve()).as_posix()
         self._tell(f"Saved {', '.join(path.name for path in written)} in {place}", good=True)
 
-    def _with_files(
-        self,
-        client: viser.ClientHandle,
-        use: Callable[[str, dict[str, str]], None],
-        failed: Failed = Failed.EXPORT,
-    ) -> None:
-        """Make the files of the state on screen, as a job, and hand them on; or say why there are none."""
-        choice = self.choice
-        vectors = self._vectors.value
+    @staticmethod
+    def _send(client: viser.ClientHandle, target: str, files: dict[str, str]) -> None:
+        """One file as it is, several as a zip."""
+        client.send_file_download(*packed(target, files), save_immediately=True)
 
-        def work(state: State) -> None:
-            try:
-                files = files_of(state, choice, vectors=vectors)
-            except BadSetting as error:
-                show_refusal(client, str(error))
-            else:
-                use(choice.target, files)
-
-        self._jobs.run_with_state(self._session, work, failed)
+    def _with_files(self, use: Callable[[dict[str, str]], None], failed: Failed = Failed.EXPORT) -> None:
+        """Make the files of the state on screen, as a job, and hand them on."""
+        choice, vectors = self.choice, self._vectors.value
+        self._jobs.run_with_state(
+            self._session, lambda state: use(files_of(state, choice, vectors=vectors)), failed
+        )
 
     def show(self, frame: Frame) -> None:
         """One channel leaves no choice, and neither do fused sensors."""
@@ -431,15 +329,6 @@ class CodeView:
         """Show the lag at the period of the device, and what differs there."""
         for text, line in ((self._lag, notes.lag), (self._limits, notes.limits)):
             text.content, text.visible = line, bool(line)
-        if notes.offer:
-            self._meet.label = notes.offer
-        self._meet.visible = bool(notes.offer)
-
-
-def send_files(client: viser.ClientHandle, target: str, files: dict[str, str]) -> None:
-    """One file as it is, several as a zip."""
-    name, content = packed(target, files)
-    client.send_file_download(name, content, save_immediately=True)
 
 
 # The commands that reopen and filter what is open, to be copied into a terminal.
@@ -458,30 +347,7 @@ class CommandLineView:
         """Write the lines."""
         shared = share_line(frame.state)
         self._line.value = shared.line
-        self._text.content = "\n\n".join(filter(None, (" ".join(shared.remarks), with_tuning_file(frame.state))))
-
-
-def with_tuning_file(state: State) -> str:
-    """What to type once the tuning file is saved, as markdown."""
-    source, live = state.recording.source, state.live is not None
-    file = "FILE" if live else shell_word(source)
-    reopen = ("open", *(() if source else ("FILE",)), "--config", "tuning.toml")
-    run = ("filter", file, "--config", "tuning.toml", "-o", "out.csv")
-    text = f"With the saved tuning file:\n\n{_command(reopen)}\n\n{_command(run)}"
-    if live:
-        return text + "\n\nReplace FILE with the path of a recording of the board."
-    return text
-
-
-def _command(words: Iterable[str]) -> str:
-    """A line for a terminal, as markdown; each word is marked up alone, so that no option breaks after its "-"."""
-    return COMMAND + " ".join(f"`{word}`" for word in ("kalscope", *words))
-
-
-def shell_word(source: str) -> str:
-    """The source as one word of a command line; FILE where it cannot be shown in a line of code."""
-    printable = source.isprintable() and "`" not in source and len(source) <= 200
-    return shlex.quote(source) if source and printable else "FILE"
+        self._text.content = " ".join(shared.remarks)
 
 
 # The one-page report for the lab book, HTML, and the filtered signal as CSV.
@@ -536,30 +402,28 @@ def _report(state: State) -> Report:
     return make_report(state.recording, state.as_tuning(), state.channel, command=share_line(state).line, pins=pins)
 
 
-# The tuning file: saved, downloaded, and loaded onto what is open.
+# The tuning file: saved, downloaded, and uploaded onto what is open.
 
 
 DEFAULT_NAME = f"tuning{ENDING}"
 
 
 class TuningFileView:
-    """The folder "Tuning file" of the Export tab. Files are written and read as jobs."""
+    """The folder "Tuning file" of the Export tab. Files are written as jobs."""
 
     def __init__(
         self, gui: viser.GuiApi, session: Session, jobs: Jobs, tell: Callable[..., None], folder: Path
     ) -> None:
         self._session, self._jobs, self._tell, self._folder = session, jobs, tell, folder
         self._building = threading.Lock()
-        self._ours = set[Path]()  # files saved or loaded here: saving again asks nothing
+        self._ours = set[Path]()  # files saved here: saving again asks nothing
         with gui.add_folder("Tuning file") as self._widgets:
             self._path = gui.add_text(
                 "tuning file", DEFAULT_NAME, hint="A file name in the folder in which Kalscope was started."
             )
             save = gui.add_button("Save tuning file", hint="q, r, momentum, p0 and x0 of every channel.")
-            load = gui.add_button("Load tuning file", hint="Its values for the open recording; Undo reverts it.")
             download = gui.add_button("Download tuning file", hint="The same file, as a download.")
         on_user(save.on_click, self._ask_to_save)
-        on_user(load.on_click, lambda _client: self._ask_to_load())
         on_user(
             download.on_click,
             lambda client: jobs.run_with_state(session, lambda state: _send(state, client), Failed.SAVE),
@@ -591,16 +455,6 @@ class TuningFileView:
         if path.suffix != ENDING or any(part.startswith(".") for part in Path(name).parts if part != "."):
             raise BadSetting(f"the tuning file must be named like {DEFAULT_NAME} (got {name!r})")
         return path
-
-    def _ask_to_load(self) -> None:
-        name = self._name
-        self._jobs.run(lambda: self._load(name), Failed.OPEN)
-
-    def _load(self, name: str) -> None:
-        path = self._checked(name)
-        tuning = load_tuning(path)
-        self._ours.add(path)
-        self._session.request(use_settings(tuning, name), failed=Failed.OPEN)
 
     def _ask_to_save(self, client: viser.ClientHandle) -> None:
         name = self._name

@@ -31,6 +31,7 @@ from kalscope_app.views.charts import (
     axes,
     follows,
     gappy,
+    lag_line,
     line,
     range_text,
     raw_lines,
@@ -238,6 +239,7 @@ class SignalView:
         if frame.refused is not None:
             ring = rings("rejected by the gate", palette.filtered, 13)  # a count here would rebuild the chart
             lines.append(ChartLine(frame.refused, ring, gaps=True))
+        lines.append(lag_line(frame, palette))
         label = scale.label(short(state.tuning.name, 30))
         self._draw(self.signal, frame, clock, scale, lines, label, *bands, places=places)
 

@@ -317,7 +317,7 @@ class SourceView:
         self._samples = SamplesView(gui, self._session, self.open_spec)
         with gui.add_folder("Generate a signal", expand_by_default=False):
             self._generator = GeneratorForm(gui, self.open_spec)
-        self._fleet = FleetView(gui, self._session, self._jobs, self._worker, self.open_device)
+        self._fleet = FleetView(gui, self._session, self._jobs, self._worker)
         with gui.add_folder("Import summary"):
             self._period = TypedNumber(
                 gui, self._session, "sample period", "sample period (s)", PERIOD_HINT, _period_typed

@@ -135,6 +135,11 @@ def decibels(value: float) -> str:
     return f"{number(round(value, 3))} dB"
 
 
+def noise_left(reduction_db: float) -> str:
+    """What a filter leaves of white noise, of its standard deviation and as a level: 22.4 % (−13.0 dB)."""
+    return f"{percent(10.0 ** (-0.05 * reduction_db))} ({decibels(-reduction_db)})"
+
+
 def frequency(hertz: float | None) -> str:
     """A frequency: 1.59 Hz, 2.10 kHz; slow ones as 1 / duration."""
     if hertz is None or math.isnan(hertz):

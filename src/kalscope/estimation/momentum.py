@@ -538,8 +538,8 @@ def _reason(fit: MomentumFit, less: float) -> str:
     span = f"{number(low)} to {number(high)}" if high < math.inf else f"{number(low)} or more"
     text = (
         f"The signal keeps its direction for about {number(fit.tau)} samples ({span}). With this momentum the "
-        f"error of predicting unseen samples is {percent(less) if less < 0.99 else 'over 99 %'} smaller than with "
-        "the five lines."
+        f"error of predicting unseen samples is {percent(less) if less < 0.99 else 'over 99 %'} smaller than "
+        "without."
     )
     if fit.q == 0.0 or fit.r == 0.0:
         return text

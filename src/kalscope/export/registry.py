@@ -87,8 +87,6 @@ class Target:
     """Whether it computes in float32, at least on an AVR board."""
     can_calibrate: bool = False
     """Whether it has code that measures r on the device, `files(job, calibration=True)`."""
-    is_common: bool = False
-    """Whether it is in the short list that is shown first."""
 
 
 TARGETS = MappingProxyType(
@@ -99,14 +97,12 @@ TARGETS = MappingProxyType(
             "A sketch for the Arduino IDE and its C++ header (float32).",
             is_float32=True,
             can_calibrate=True,
-            is_common=True,
         ),
-        "c": Target(c.files, "C99", "The filter in C99, in double or float.", is_common=True),
+        "c": Target(c.files, "C99", "The filter in C99, in double or float."),
         "python": Target(
             scripts.python_files,
             "Python",
             "A small Python class without dependencies.",
-            is_common=True,
         ),
         "matlab": Target(
             scripts.matlab_files,
@@ -120,7 +116,7 @@ TARGETS = MappingProxyType(
             "An ES module with a small class without dependencies.",
             ("chain",),
         ),
-        "json": Target(parameters.json_files, "JSON", "The parameters as JSON.", is_common=True),
+        "json": Target(parameters.json_files, "JSON", "The parameters as JSON."),
         "esphome": Target(
             esphome.files,
             "ESPHome sensor",

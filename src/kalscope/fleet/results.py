@@ -13,12 +13,14 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
+from html import escape
 from pathlib import Path
 from typing import Annotated, Any
 
 import msgspec
 import numpy as np
 
+from kalscope.common.charts import document, markup_of_table
 from kalscope.common.files import atomic_file, write_atomic
 from kalscope.common.numbers import Array, Indices, Mask
 from kalscope.common.progress import OnProgress
@@ -379,8 +381,36 @@ def summary(fleet: Fleet, tally: Tally, folder: Path) -> str:
     done = f"{count(tally.done)} of {count(tally.units)} files or row groups done in {duration(tally.seconds)}"
     files = f"Table: {folder / store.TABLE}{f'; tuning: {folder / store.TUNING}' if fleet.shared else ''}"
     lines = [f"{fleet.devices.counted}; {done if tally.done else 'nothing was missing'}", *_lines(fleet), files]
-    # Names come from files, and might move the cursor of a terminal.
-    return "".join("".join(c if c.isprintable() or c == THIN_SPACE else " " for c in line) + "\n" for line in lines)
+    return "".join(f"{_printable(line)}\n" for line in lines)
+
+
+def _printable(line: str) -> str:
+    """Names come from files, and might move the cursor of a terminal."""
+    return "".join(c if c.isprintable() or c == THIN_SPACE else " " for c in line)
+
+
+def answer_lines(fleet: Fleet) -> list[str]:
+    """How many rows, and what the summary says about them, each line plain."""
+    return [f"{fleet.devices.counted}.", *(_printable(line.strip()) for line in _lines(fleet))]
+
+
+def answer_page(fleet: Fleet, head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """The answer and a table of devices as one HTML page."""
+    text = "".join(f"<p>{escape(line)}</p>" for line in answer_lines(fleet))
+    more = f"<p>{count(len(fleet) - len(rows))} more rows are in the table.</p>" if len(rows) < len(fleet) else ""
+    style = "body { font: 15px sans-serif; margin: 2em } td, th { padding: 0.1em 0.8em; text-align: left }"
+    return document(fleet.folder.name, style, f"<h1>Fleet</h1>{text}{markup_of_table(head, rows)}{more}")
+
+
+def table_as_csv(fleet: Fleet) -> bytes:
+    """The whole table as CSV, in which no text is a formula for a spreadsheet."""
+    table, out = store.checked_table(fleet.folder / store.TABLE), pa.BufferOutputStream()
+    texts = [name for name in table.column_names if pa.types.is_string(table[name].type)]
+    for name in texts:
+        plain = store.pc.replace_substring_regex(table[name], "^([=+@-])", r"'\1")
+        table = table.set_column(table.column_names.index(name), name, plain)
+    store.library("pyarrow.csv").write_csv(table, out)
+    return out.getvalue().to_pybytes()
 
 
 def _lines(fleet: Fleet) -> Iterator[str]:

@@ -12,8 +12,6 @@ import numpy as np
 from kalscope.common.numbers import Array, above_zero
 from kalscope.common.text import duration, program, typed_number
 from kalscope.errors import BadSetting
-from kalscope.estimation.fit import params_for_specification
-from kalscope.estimation.request import Request
 from kalscope.filtering.classic import Chain, ChainFilter, Median, Stage, rescaled_chain
 from kalscope.filtering.filter import Filter, StandardFilter
 from kalscope.filtering.params import MAX_VARIANCE, FilterParams
@@ -333,34 +331,6 @@ def rescaled_to_period(tuning: Tuning, sample_period: float) -> Tuning:
     if old is None or same_period(old, sample_period):
         return moved
     return moved.with_each(lambda one: _with_origin(one, old, sample_period))
-
-
-def meeting_goal(tuning: Tuning, name: str, request: Request, sample_period: float) -> Tuning:
-    """As `rescaled_to_period`, but one channel meets the goal of `request` at the new period too, with the same r.
-
-    Args:
-        tuning: What was found on the recording.
-        name: The channel that the goal was chosen for.
-        request: Has a target, such as {"lag_s": 0.05}.
-        sample_period: Of the device, s.
-
-    Raises:
-        BadSetting: As `rescaled_to_period`; no such channel, no target, or the target is out of reach there.
-    """
-    if not request.target:
-        raise BadSetting("the goal must be a lag, a cut-off, a noise reduction or a gain (got none)")
-    entry = tuning.rescaled(sample_period).channel(name)
-    params = params_for_specification(
-        entry.r,
-        **request.target,
-        sample_period=sample_period,
-        momentum=entry.momentum if request.overshoot is None else 0.0,  # an overshoot gives the momentum too
-        overshoot=request.overshoot,
-    )
-    how = f"at {sample_period:.4g} s: {request.goal}"
-    met = replace(entry, q=params.q, momentum=params.momentum, how=how)
-    others = rescaled_to_period(tuning, sample_period)
-    return replace(others, channels=tuple(met if one.name == name else one for one in others.channels))
 
 
 def _with_origin(new: ChannelTuning, old: float, sample_period: float) -> ChannelTuning:

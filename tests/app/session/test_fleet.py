@@ -20,7 +20,6 @@ from kalscope_app.session.changes import (
     close_fleet,
     find_devices,
     open_fleet,
-    pick_device,
     set_at_shared,
     set_fleet_order,
     set_text,
@@ -28,9 +27,10 @@ from kalscope_app.session.changes import (
 from kalscope_app.session.opening import opened
 from kalscope_app.session.session import Session, undo
 from kalscope_app.session.state import MAX_ROWS, ORDERS, OpenFleet
-from kalscope_app.studies.tuning_map import CELLS, MapMaker, fleet_layer, frame_for
-from kalscope_app.views.fleet import device_labels, fleet_table
-from kalscope_app.views.map import DARK_MAP, LIGHT_MAP, SHARPNESS, SIZE, draw_map_picture, picture_input
+from kalscope_app.studies.tuning_map import CELLS, MapFrame, MapMaker, fleet_layer
+from kalscope_app.views.charts import DARK, LIGHT
+from kalscope_app.views.fleet import device_labels, fleet_rows, fleet_table
+from kalscope_app.views.map import SHARPNESS, draw_map_picture, picture_input
 
 
 @pytest.fixture(scope="module")
@@ -107,10 +107,7 @@ def test_every_order_lists_devices_once(fleet, order):
 
 
 @pytest.mark.slow
-def test_what_was_picked_is_let_go_with_its_rows_and_a_text_to_find_is_one_short_line(fleet, state):
-    picked = pick_device(NOISY)(state)
-    assert picked.fleet.picked == NOISY
-    assert at(fleet, picked, NOISY).fleet.picked is None
+def test_a_text_to_find_is_one_short_line(state):
     assert find_devices(" dev\n0 " + "x" * 999)(state).fleet.find.startswith("dev 0 x")
     assert len(find_devices("x" * 999)(state).fleet.find) == 200
     assert find_devices("x")(close_fleet(state)).fleet is None
@@ -165,7 +162,7 @@ def test_a_large_fleet_is_a_density_with_its_outliers_as_points():
 
 
 def test_a_click_takes_the_nearest_point_and_none_from_afar():
-    frame = frame_for(*SIZE, *RANGES)
+    frame = MapFrame(*RANGES)
     layer = fleet_layer(OpenFleet(fleet_of([0.01, 1.0], [1.0, 1.0])), *RANGES)
     x, y = frame.pixel((0.0, 0.0))
     assert layer.nearest(frame, (x + 5, y - 5)) == 1
@@ -177,14 +174,14 @@ def test_a_click_takes_the_nearest_point_and_none_from_afar():
 def map_of(fleet):
     state = open_fleet(fleet)(opened(synthesize("random_walk", n=1000, seed=1)))
     shown = MapMaker()(state)
-    return state, shown, frame_for(*SIZE, shown.q, shown.r)
+    return state, shown, MapFrame(shown.q, shown.r)
 
 
 @pytest.mark.parametrize("dark", [False, True])
 def test_the_picture_has_a_point_in_its_colour_where_the_device_is(dark):
     state, shown, frame = map_of(fleet_of([1e-4, 0.3], [0.1, 0.1], growth=[0.0, 0.5]))
     picture = draw_map_picture(picture_input(state.with_view(dark=dark), shown, frame))
-    palette = DARK_MAP if dark else LIGHT_MAP
+    palette = DARK if dark else LIGHT
     for (q, r), kind in ((-4.0, -1.0), 0), ((np.log10(0.3), -1.0), 2):
         x, y = (round(SHARPNESS * at) for at in frame.pixel((q, r)))
         colour = palette.devices[kind]
@@ -192,8 +189,8 @@ def test_the_picture_has_a_point_in_its_colour_where_the_device_is(dark):
 
 
 def test_the_table_is_short_and_no_name_is_markup():
-    names = [f"<img src=x>|{i}](javascript:1)" for i in range(20)]
-    shown = OpenFleet(fleet_of([0.01] * 20, [1.0] * 20, odd=[5], names=names))
+    names = [f"<img src=x>|{i}](javascript:1)" for i in range(30)]
+    shown = OpenFleet(fleet_of([0.01] * 30, [1.0] * 30, odd=[5], names=names))
     lines = fleet_table(shown).splitlines()
     assert len(lines) == MAX_ROWS + 2
     assert all(line.replace("\\|", "").count("|") == 6 for line in lines)
@@ -208,26 +205,7 @@ def test_devices_are_found_by_a_part_of_their_name_those_without_q_and_r_too():
     fleet = fleet_of([0.01] * 30 + [np.nan], [1.0] * 31, odd=[17])
     assert OpenFleet(fleet, find="dev00001").rows == [17, 10, 11, 12, 13, 14, 15, 16, 18, 19]
     assert OpenFleet(fleet, find="DEV000030").rows == [30]
-    assert fleet_table(OpenFleet(fleet, find="30")) == "1. dev000030\\.csv: it is empty"
-    mixed = fleet_table(OpenFleet(fleet, find="0003")).splitlines()
-    assert [line.split(" | ")[2] for line in mixed[2:]] == ["0.01", "–"]
+    assert "it is empty" in fleet_table(OpenFleet(fleet, find="30"))
+    assert [row[2] for row in fleet_rows(fleet, OpenFleet(fleet, find="0003").rows)] == ["0.01", ""]
     assert fleet_table(OpenFleet(fleet, find="nowhere")) == "None."
     assert len(OpenFleet(fleet, find="csv").rows) == MAX_ROWS
-
-
-@pytest.mark.slow
-def test_a_device_that_was_clicked_says_what_it_is_and_is_ringed():
-    shown = fleet_of([1e-4, 0.3], [0.1, 0.1], growth=[0.0, 0.5])
-    state = pick_device(1)(open_fleet(shown)(opened(synthesize("random_walk", n=1000, seed=1))))
-    layer = MapMaker()(state).fleet
-    assert layer.picked.device == 1
-    assert layer.picked.words == ("dev000001.csv", "q 0.3, r 0.1, loss 50 %", "click it again to open it")
-    without = MapMaker()(pick_device(None)(state))
-    assert without.fleet.picked is None
-    frame = frame_for(*SIZE, without.q, without.r)
-    pictures = [
-        draw_map_picture(picture_input(one, MapMaker()(one), frame)) for one in (state, pick_device(None)(state))
-    ]
-    assert np.any(pictures[0] != pictures[1])
-    long = fleet_of([0.1], [0.1], names=["x" * 300], growth=[np.nan])
-    assert fleet_layer(OpenFleet(long, picked=0), *RANGES).picked.words[:2] == ("…" + "x" * 35, "q 0.1, r 0.1")

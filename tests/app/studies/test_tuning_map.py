@@ -11,7 +11,7 @@ import pytest
 from kalscope import FilterParams, Recording, estimate, log_likelihood, steady_state, synthesize
 from kalscope_app.session.changes import set_automatic_start, set_exponent, set_momentum_text, set_point, set_window
 from kalscope_app.session.opening import opened
-from kalscope_app.studies.tuning_map import TUNING_MAP_CELLS, MapMaker, cell_exponents, frame_for, lag_lines
+from kalscope_app.studies.tuning_map import TUNING_MAP_CELLS, MapFrame, MapMaker, cell_exponents, lag_lines
 
 
 def walk(n=5000, q=0.02, r=1.0, seed=0, scale=1.0, period=0.01):
@@ -100,22 +100,36 @@ def test_each_cell_is_the_likelihood_of_its_pair_at_the_present_momentum(momentu
         assert shown.values[row, column] == pytest.approx(expected, rel=5e-3, abs=0.1)
 
 
-FRAME = frame_for(452, 900, (-6, 2), (-4, 2))
+FRAME = MapFrame((-6, 2), (-4, 2))
 
 
-def test_lines_of_equal_lag_are_1_and_3_of_every_decade_that_crosses_the_map():
-    lags = [line.lag * 10.0 for line in lag_lines(FRAME, 10.0)]  # ms, at 100 Hz
-    assert lags == pytest.approx([10, 30, 100, 300, 1e3, 3e3, 1e4, 3e4], rel=1e-9)
+@pytest.mark.parametrize(
+    ("point", "corner"),
+    [
+        ((-6, -4), ("left", "bottom")),
+        ((2, -4), ("right", "bottom")),
+        ((-6, 2), ("left", "top")),
+        ((2, 2), ("right", "top")),
+    ],
+)
+def test_the_corners_are_the_ends_of_the_ranges_and_r_goes_up(point, corner):
+    x, y = FRAME.pixel(point)
+    assert (x, y) == pytest.approx((getattr(FRAME, corner[0]), getattr(FRAME, corner[1])))
+    assert FRAME.top < FRAME.bottom
 
 
-@pytest.mark.parametrize("momentum", [2.0, 100.0, 1e4])
-def test_with_momentum_the_lines_have_the_lag_that_is_written_beside_them(momentum):
+@pytest.mark.parametrize(
+    ("momentum", "expected"),
+    [(0.0, [10, 30, 100, 300, 1e3, 3e3, 1e4, 3e4])] + [(tau, None) for tau in (2.0, 100.0, 1e4)],
+)
+def test_the_filter_where_a_line_leaves_the_map_has_its_lag(momentum, expected):
     frame = replace(FRAME, momentum=momentum)
-    lines = lag_lines(frame, 10.0)
-    written = sorted(float(f"{10.0 * line.lag:.3g}") for line in lines)
+    lines = lag_lines(frame, 10.0)  # ms, at 100 Hz
+    written = sorted(float(f"{10.0 * lag:.3g}") for lag, _ in lines)
     assert set(written) <= {10, 30, 100, 300, 1e3, 3e3, 1e4, 3e4, 1e5}
+    assert expected in (None, written)
     assert len(written) == len(set(written)) > 4
-    for line in lines:
-        q, r = frame.point(line.end)
+    for lag, (q, r) in lines:
+        assert q == pytest.approx(frame.q[1]) or r == pytest.approx(frame.r[1])
         steady = steady_state(FilterParams(q=10.0 ** (q - r), r=1.0, momentum=momentum))
-        assert float(steady.lag_samples) == pytest.approx(line.lag, rel=1e-6)
+        assert float(steady.lag_samples) == pytest.approx(lag, rel=1e-6)

@@ -182,7 +182,7 @@ def test_the_header_shows_one_word_the_headline_and_a_button_for_what_can_be_don
     assert (view._word.label, view._word.color) == ("fits", COLOURS["good"])
     assert not any(row._text.visible or row._button.visible for row in (first, second))
     view.show_checks(None)
-    assert (view._word.label, view._headline.content) == ("not judged", UNJUDGED)
+    assert (view._word.label, view._headline.content) == ("no verdict", UNJUDGED)
 
 
 def test_a_click_on_the_word_shows_the_reasons_and_another_hides_them(state):

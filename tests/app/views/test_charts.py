@@ -75,7 +75,8 @@ def test_small_and_large_signals_are_brought_to_readable_numbers(largest, unit, 
 @pytest.mark.parametrize(
     ("span", "period", "unit"),
     [
-        (0.5, 1e-3, "ms"),
+        (0.5, 1e-3, "s"),
+        (0.03, 1e-3, "ms"),
         (10.0, 0.01, "s"),
         (300.0, 0.01, "min"),
         (86400.0, 60.0, "h"),

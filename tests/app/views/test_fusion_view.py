@@ -115,7 +115,7 @@ def test_the_verdict_names_the_sensor_that_drifts_and_is_good_without_it(state):
     silent = greenhouse()
     silent.values[300:500, 1] = np.nan
     quiet = judge.of(fused(silent)).judgement
-    assert (quiet.word, quiet.tone) == ("roof was silent", "note")
+    assert (quiet.word, quiet.tone) == ("roof sent no data", "note")
 
 
 def test_code_and_csv_are_those_of_the_fused_sensors(state):

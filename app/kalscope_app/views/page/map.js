@@ -135,6 +135,14 @@ map.addEventListener(
   { passive: false },
 );
 
+// The tab of a fleet is there only while one is open, and comes to the front when it appears.
+let fleetTab = null;
+new MutationObserver(() => {
+  const tab = document.querySelector('[data-dock-tab][title="Fleet"]');
+  if (tab && !fleetTab) tab.dispatchEvent(new KeyboardEvent("keydown", { key: "Enter", bubbles: true }));
+  fleetTab = tab;
+}).observe(document, { childList: true, subtree: true });
+
 window.Worker = class extends Worker {
   set onmessage(handler) {
     send = (message) => super.postMessage({ type: "send", message });
