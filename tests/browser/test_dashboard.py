@@ -103,7 +103,8 @@ def test_first_look_shows_the_demo_at_its_starting_values_and_a_typed_start_the_
     screen.shot("start-by-value")
     screen.slider("p0").focus()
     screen.page.keyboard.press("End")
-    screen.wait_for_line("filtered", filtered(DEMO, q=1, r=100, p0=1e9, x0=0))
+    p0 = 10.0 ** float(screen.slider("p0").get_attribute("aria-valuemax"))
+    screen.wait_for_line("filtered", filtered(DEMO, q=1, r=100, p0=p0, x0=0))
     screen.type("initial variance p0", "automatic")
     screen.wait_for_line("filtered", filtered(DEMO, q=1, r=100))
 

@@ -202,8 +202,8 @@ class ParametersView:
             self._steps = gui.add_button_group(
                 "",
                 tuple(STEPS),
-                hint="Pin: keep this setting as A, B, C … in the Compare tab. Reset: r = var(Δz)/2, q = r/100; "
-                "for fused sensors, the values found.",
+                hint="Pin: keep this setting as A, B, C … in the Compare tab. Reset: the filter that the "
+                "recording opened with; for fused sensors, the values found.",
             )
         on_user(self._steps.on_click, lambda _client: session.request(STEPS[self._steps.value]))
         for command, change in (

@@ -82,6 +82,7 @@ COMMANDS = {
 def test_the_dashboard_and_the_command_line_find_the_same(way, source):
     option, text = COMMANDS[way]
     at = opened(same_question(source))
+    at = at.with_tuning(momentum=0.0, gate=None, p0=None, x0=None)  # a goal keeps what is on screen
     asked = TuneOptions(**{option.removeprefix("--").replace("-", "_"): float(text)}).request(at.recording)
     answer = answer_for(at.recording, at.channel, asked, Progress(None))
     assert search(at, way, text) == answer.result
@@ -262,7 +263,7 @@ def test_a_late_answer_goes_to_its_own_channel_or_nowhere(state):
 def test_before_and_after_stand_in_the_answer(state):
     applied = apply_found(state.recording, "a", search(state, "maximum lag", "50"))(state)
     assert "Lag **50 ms**" in plain(answer_text(applied))
-    assert "Before: 95.1 ms" in plain(answer_text(applied))
+    assert "Before: 34.7 ms" in plain(answer_text(applied))
     assert answer_text(state) == ""
 
 
@@ -273,7 +274,8 @@ def test_the_account_of_an_estimate_stands_apart_from_its_short_answer(state):
     assert fitted.message not in answer_text(applied)
     assert answer_text(applied).endswith("More in “Resulting filter”.")
     chosen = apply_found(state.recording, "a", search(state, "maximum lag", "50"))(state)
-    assert account_text(chosen) == account_text(state) == ""
+    assert account_text(chosen) == ""
+    assert account_text(state) == fitted.message  # the first answer
     assert "Resulting filter" not in answer_text(chosen)
 
 

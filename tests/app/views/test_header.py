@@ -23,7 +23,7 @@ def recording(time, title="log.csv", period=0.01):
 
 
 def frame_of(record):
-    state = opened(record)
+    state = opened(record).with_tuning(q=0.01, r=1.0, momentum=0.0)
     return compute_frame(state, 0, choose_samples(record, state.channel, None))
 
 
