@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import statistics
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from screen import FIND, pixels
 from waiting import wait_until
 
-from kalscope import FilterParams, estimate, kalman_filter, open_source, starting_params
+from kalscope import estimate, kalman_filter, open_source, starting_params
 from kalscope_app.program.user_settings import UserSettings
 from kalscope_app.session.opening import opened
 from kalscope_app.studies.tuning_map import MapMaker, frame_for
@@ -120,7 +121,7 @@ def start_map(start):
 
 
 def filtered(z, q, r):
-    return kalman_filter(z, FilterParams(q=q, r=r)).x
+    return kalman_filter(z, replace(starting_params(z), q=q, r=r)).x
 
 
 def test_dragging_the_point_tunes_live_and_is_one_gesture(start_map, capsys):
