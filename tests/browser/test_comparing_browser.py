@@ -61,6 +61,7 @@ def test_a_filter_of_compare_leaves_for_the_board_and_the_kalman_filter_comes_ba
     params = starting_params(demo.values[:, 0])
     euro = next(one for one in compare_alternatives(demo.values[:, 0], params).others if one.name == "One-euro")
 
+    screen.wait_for_line("filtered", kalman_filter(demo.values[:, 0], params).x)
     screen.tab("Compare")
     screen.choose("draw", "One-euro")
     screen.wait_for_line("One-euro", euro.curve)
