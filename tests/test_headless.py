@@ -41,11 +41,11 @@ import sys
 import kalscope_app.dashboard
 print(*sys.modules)
 import kalscope_app.guard.server
-from kalscope.catalogue import open_source
 from kalscope_app.engine.filter_runs import choose_samples
 from kalscope_app.engine.frame import compute_frame
-from kalscope_app.session.opening import opened
-state = opened(open_source("demo"))
+from kalscope_app.open_command import recorded_state
+from kalscope.sources.grammar.read_options import DEFAULTS
+state = recorded_state("demo", DEFAULTS, None, None)
 compute_frame(state, 0, choose_samples(state.recording, state.channel, None))
 print(*sys.modules)
 from kalscope_app.commands import run

@@ -19,6 +19,7 @@ from kalscope_app.engine.jobs import Jobs
 from kalscope_app.live import BoardConnection, BoardRecording
 from kalscope_app.program.user_settings import KeptTunings, UserSettings
 from kalscope_app.session.changes import as_it_was_left
+from kalscope_app.session.opening import later_answers, with_firsts
 from kalscope_app.session.session import Session
 from kalscope_app.session.state import State
 from kalscope_app.studies.checks import FusionJudge, StillStretches, compute_allan, compute_checks, compute_spectra
@@ -77,7 +78,7 @@ class Dashboard:
         self.session = Session(state, self._connection)
         self._jobs, self._worker = Jobs(tell), Worker()
         self._panels = Panels(server)
-        self._note = ""
+        self._note, self._fitting = "", None
         self._views = GuardedViews(tell)
         self._last: Frame | None = None
         self._kept, self._opened, self._written = KeptTunings(), "", None
@@ -242,10 +243,20 @@ class Dashboard:
         self._commands.show()
         self._last = frame
         source = frame.state.recording.source
-        if source != self._opened:
-            self._opened = source
-            if Path(source).is_file() and (tuning := self._kept.of(source)) is not None:
-                self.session.request(as_it_was_left(tuning))
+        if self._fitting != frame.state.record_key:
+            self._fitting = frame.state.record_key
+            is_new, self._opened = source != self._opened, source
+            self._jobs.run(lambda: self._fit(frame.state, is_new=is_new))
+
+    def _fit(self, state: State, *, is_new: bool) -> None:
+        """Find the first answers that the first picture did not wait for; what was left in a file comes after."""
+        for firsts in later_answers(state):
+            self.session.request(
+                lambda now, firsts=firsts: with_firsts(now, firsts) if now.record_key == state.record_key else now
+            )
+        source = state.recording.source
+        if is_new and Path(source).is_file() and (tuning := self._kept.of(source)) is not None:
+            self.session.request(as_it_was_left(tuning))
 
     def _draw(self, answer: Any, *shows: Callable[[Any], None]) -> None:
         for show in shows:

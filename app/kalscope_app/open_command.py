@@ -186,12 +186,12 @@ def recorded_state(source: str, options: ReadOptions, config: Path | None, sampl
     from kalscope.errors import BadSetting
     from kalscope.tuning.file import load_tuning
     from kalscope_app.program.user_settings import KeptTunings
-    from kalscope_app.session.opening import opened, opened_experiment, opened_with
+    from kalscope_app.session.opening import opened_experiment, opened_raw, opened_with
 
     if source.startswith("experiment:") and config is None:
         return opened_experiment(source)
     if config is None:
-        state = opened(open_source(source or "demo", options, sample_period=sample_period))
+        state = opened_raw(open_source(source or "demo", options, sample_period=sample_period))
         last = "" if source else one_line(Path(KeptTunings().last()).name)[:80]
         note = f"{last} was open last: Open this path, in the Source tab, brings it back." if last else ""
         return state.with_open(options=options, typed_period=sample_period).with_answers(note=note)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from axe import findings
@@ -10,7 +12,7 @@ from line_sender import line_sender
 from screen import FIND, Screen, dashboard
 from waiting import wait_until
 
-from kalscope import FilterParams, kalman_filter, open_source, starting_params, steady_state
+from kalscope import kalman_filter, open_source, starting_params, steady_state
 from kalscope.common.text import lag_text
 from kalscope_app.views.charts import DARK
 
@@ -35,8 +37,7 @@ def press(screen, name):
 
 
 def filtered(z, **changed):
-    start = starting_params(z)
-    return kalman_filter(z, FilterParams(**{"q": start.q, "r": start.r, **changed})).x
+    return kalman_filter(z, replace(starting_params(z), **changed)).x
 
 
 def test_the_main_journey_from_the_link_to_a_phone(screen, tmp_path):
@@ -62,7 +63,7 @@ def move_the_slider_of_q(screen, z):
     screen.page.mouse.up()
     q = float(f"{10.0 ** wait_until(lambda: where_it_ended(screen, 10 * float(before)), pause=0.1):.2e}")
     screen.wait_for_line("filtered", filtered(z, q=q), tolerance=1e-9)
-    lag = float(steady_state(FilterParams(q, starting_params(z).r)).lag_samples)
+    lag = float(steady_state(replace(starting_params(z), q=q)).lag_samples)
     screen.page.get_by_text(lag_text(lag, DEMO.sample_period)).first.wait_for()
     screen.shot(f"{screen.name}-2-slider")
     press(screen, "Undo")

@@ -3,11 +3,13 @@ reader says."""
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from waiting import wait_until
 
-from kalscope import FilterParams, kalman_filter, open_source, starting_params, steady_state
+from kalscope import kalman_filter, open_source, starting_params, steady_state
 from kalscope.common.text import lag_text
 from kalscope.tuning.file import load_tuning
 
@@ -76,8 +78,7 @@ class Keys:
 
 
 def filtered(z, **changed):
-    start = starting_params(z)
-    return kalman_filter(z, FilterParams(**{"q": start.q, "r": start.r, **changed})).x
+    return kalman_filter(z, replace(starting_params(z), **changed)).x
 
 
 def test_a_signal_is_tuned_opened_and_exported_without_a_mouse(start, tmp_path):
@@ -90,7 +91,7 @@ def test_a_signal_is_tuned_opened_and_exported_without_a_mouse(start, tmp_path):
         keys.press("ArrowRight")
     q = float(f"{10.0 ** float(screen.slider('q').get_attribute('aria-valuenow')):.2e}")
     screen.wait_for_line("filtered", filtered(z, q=q), tolerance=1e-9)
-    lag = float(steady_state(FilterParams(q, starting_params(z).r)).lag_samples)
+    lag = float(steady_state(replace(starting_params(z), q=q)).lag_samples)
     screen.page.get_by_text(lag_text(lag, DEMO.sample_period)).first.wait_for()
     screen.shot("keys-1-tuned")
     keys.press("Control+z")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from screen import pixels
@@ -114,7 +116,7 @@ def start_map(start):
 
 
 def filtered(z, q, r):
-    return kalman_filter(z, FilterParams(q=q, r=r)).x
+    return kalman_filter(z, replace(starting_params(z), q=q, r=r)).x
 
 
 def test_dragging_the_point_tunes_live_and_is_one_gesture(start_map):

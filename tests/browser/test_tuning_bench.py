@@ -10,7 +10,7 @@ import pytest
 from screen import FIND
 from waiting import wait_until
 
-from kalscope import FilterParams, denoise, kalman_filter, open_source, starting_params
+from kalscope import denoise, kalman_filter, open_source, starting_params
 from kalscope_app.session.changes import select_channel, set_text
 from kalscope_app.session.opening import opened
 from kalscope_app.session.share import share_line
@@ -90,9 +90,9 @@ def test_the_line_on_screen_is_of_what_is_on_screen_and_channels_are_tuned_toget
     screen.tab("Channels")
     screen.choose("apply to", "all: same q and r")
     screen.type("process noise q", "0.5")
-    r = starting_params(axes[:, 0]).r
+    params = replace(starting_params(axes[:, 0]), q=0.5)
     at = drawn(screen, "3", axes)
-    screen.wait_for_line("3", lane(axes[:, 2], FilterParams(0.5, r), 3)[at], tolerance=1e-6)
+    screen.wait_for_line("3", lane(axes[:, 2], params, 3)[at], tolerance=1e-6)
     screen.page.get_by_role("row", name=re.compile(r"^3 z 0\.500")).wait_for()
     screen.shot("channels")
 

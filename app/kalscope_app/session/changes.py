@@ -136,10 +136,13 @@ def apply_found(state: State, recording: Recording, channel: str, found: FitResu
             outcome=Outcome(found.how, found.message, before, None, found.estimate, found.request)
         )
     q, r, momentum = (float(value) for value in (found.params.q, found.params.r, found.params.momentum))
-    gate = before.gate if found.params.gate is None else found.params.gate
+    last = state.answers.outcome
+    by_hand = before not in (last and last.after, *(one.after for one in state.settings.firsts))
+    kept = before if by_hand else replace(before, gate=None, p0=None, x0=None)
+    gate = kept.gate if found.params.gate is None else found.params.gate
     start = {} if found.params.p0 is None else {"p0": found.params.p0, "x0": found.params.x0}
     values = {"q": q, "r": r, "momentum": momentum, "gate": gate, **start}
-    after = replace(before, **values, how=found.how, chain=None, paper=None)
+    after = replace(kept, **values, how=found.how, chain=None, paper=None)
     answer = Outcome(found.how, found.message, before, after, found.estimate, found.request)
     outcome = answer if channel == state.channel else None
     return state.with_tuning_of(at, after).with_answers(outcome=outcome)

@@ -17,7 +17,7 @@ from kalscope.sources.live.samples import Snapshot
 from kalscope.sources.live.source import LiveSource
 from kalscope.tuning.tuning import Tuning
 from kalscope_app.session.changes import channel_named, select_channel
-from kalscope_app.session.opening import adapted, opened, starting_tuning
+from kalscope_app.session.opening import MOST_CHANNELS, adapted, first_answer, not_fitted, opened, with_first_answer
 from kalscope_app.session.state import BoardCalibration, Change, Live, Sent, Setting, State, requested
 
 SPANS = {
@@ -120,11 +120,11 @@ def _begun(state: State, snapshot: Snapshot) -> State:
     lasted = float(recording.time[-1] - recording.time[begin])
     settled = len(recording) - begin >= START_SAMPLES or lasted >= START_SECONDS
     head = _part(recording, begin, begin + START_SAMPLES)
-    starts = tuple(
-        starting_tuning(_part(recording, first, first + START_SAMPLES), name)
-        for first, name in zip(firsts, recording.names, strict=True)
+    found = tuple(
+        (first_answer if i < MOST_CHANNELS else not_fitted)(_part(recording, first, first + START_SAMPLES), name)
+        for i, (first, name) in enumerate(zip(firsts, recording.names, strict=True))
     )
-    fresh = opened(head, state, starts)
+    fresh = with_first_answer(opened(head, state, found))
     live = replace(state.live, settled=settled) if state.live else None
     last = state.live.snapshot if state.live else None
     before = () if last is None else last.recording.names

@@ -1,10 +1,11 @@
-"""How a newly opened recording begins: with what was tuned for its channels, else with starting values.
+"""How a newly opened recording begins: with what was tuned for its channels, else with its first answer.
 
 A tuning file or a figure of a source document overrides both.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -20,7 +21,7 @@ from kalscope.papers.reproduction import open_experiment
 from kalscope.recording import Recording, Timing
 from kalscope.tuning.choose import adapt_tuning, name_of_fused
 from kalscope.tuning.tuning import ChannelTuning, Tuning, same_period
-from kalscope_app.session.state import ChannelSettings, Fusion, OpenRecording, State
+from kalscope_app.session.state import ChannelSettings, Fusion, OpenRecording, Outcome, State
 
 MAX_NAMED = 3
 """Channels that a note names."""
@@ -28,19 +29,20 @@ MAX_NAMED = 3
 SAME_RATE = 0.05
 """Share by which a board's measured sample period may differ from that of a tuning file before q is rescaled."""
 
-MOST_FITTED = 400_000
-"""Samples of all channels together that are fitted when a recording opens: seconds matter."""
+MOST_FITTED = 200_000
+"""Samples of one channel that are fitted when a recording opens, in its middle: the picture waits for it."""
 
 MOST_CHANNELS, NOT_FITTED = 24, "not fitted yet"
-"""Channels that are fitted when a recording opens; the others are when they are chosen."""
+"""Channels that are fitted after the first picture, and share MOST_FITTED; the others are when they are chosen."""
+
+FEW_CHANNELS, FEW_READINGS = 4, 20_000
+"""Channels, and readings of all of them, up to which all are fitted before the first picture."""
 
 ChannelKey = tuple[str, str]
 """Name and unit: what must be the same for settings to stay."""
 
 
-def opened(
-    recording: Recording, before: State | None = None, starts: tuple[ChannelTuning, ...] | None = None
-) -> State:
+def opened(recording: Recording, before: State | None = None, firsts: tuple[Outcome, ...] | None = None) -> State:
     """A state that looks at a newly opened recording.
 
     Every channel has its starting values, unless it was tuned before: what the user set for a channel of the same
@@ -49,12 +51,21 @@ def opened(
     Args:
         recording: What was opened.
         before: The state until then.
-        starts: The starting values of each channel; None = those of the recording.
+        firsts: How each channel begins; None = as the recording says, of a large one those off screen later.
     """
-    starts = starts or tuple(starting_tuning(recording, name) for name in recording.names)
-    fresh = State(OpenRecording(recording, default_channel(recording)), ChannelSettings(starts, starts))
-    fresh = with_first_answer(fresh)
-    return fresh if before is None else _with_what_stays(fresh, before)
+    now = firsts is None
+    small = len(recording.names) <= FEW_CHANNELS and recording.values.size <= FEW_READINGS
+    firsts = firsts or tuple((first_answer if small else not_fitted)(recording, name) for name in recording.names)
+    starts = tuple(one.before for one in firsts)
+    settings = ChannelSettings(starts, starts, firsts=firsts)
+    fresh = State(OpenRecording(recording, default_channel(recording)), settings)
+    state = fresh if before is None else _with_what_stays(fresh, before)
+    return with_first_answer(state) if now else state
+
+
+def opened_raw(recording: Recording) -> State:
+    """A state that looks at a recording without a fit, for which the first picture need not wait."""
+    return opened(recording, None, tuple(not_fitted(recording, name) for name in recording.names))
 
 
 def _with_what_stays(fresh: State, before: State) -> State:
@@ -89,35 +100,56 @@ def _listed(names: list[str]) -> str:
     return ", ".join(one_line(name)[:40] for name in names[:MAX_NAMED]) + more
 
 
-def starting_tuning(recording: Recording, name: str) -> ChannelTuning:
-    """The filter that `find_parameters` finds in one channel; of the last of many channels a harmless one."""
-    if recording.index(name) < MOST_CHANNELS:
-        return _first_answer(recording, name)
+def not_fitted(recording: Recording, name: str) -> Outcome:
+    """A harmless filter, until there is a better one."""
     r = noise_scale(recording.channel(name))
-    return ChannelTuning(name, recording.units[recording.index(name)], r, r, how=NOT_FITTED)
+    start = ChannelTuning(name, recording.units[recording.index(name)], r, r, how=NOT_FITTED)
+    return Outcome(NOT_FITTED, "", start, start)
 
 
 def with_first_answer(state: State) -> State:
     """The state with the filter of the channel on screen found, where that was left for later."""
     if state.settings.starts[state.index].how != NOT_FITTED:
         return state
-    start, settings = _first_answer(state.recording, state.channel), state.settings
-
-    def found(each: tuple[ChannelTuning, ...]) -> tuple[ChannelTuning, ...]:
-        return tuple(start if one.name == start.name and one.how == NOT_FITTED else one for one in each)
-
-    return state.with_settings(starts=found(settings.starts), tunings=found(settings.tunings))
+    return with_firsts(state, (first_answer(state.recording, state.channel),))
 
 
-def _first_answer(recording: Recording, name: str) -> ChannelTuning:
-    """The filter that `find_parameters` finds in one channel, in the middle of a long one."""
-    most = MOST_FITTED // min(len(recording.names), MOST_CHANNELS)
+def later_answers(state: State) -> Iterator[tuple[Outcome, ...]]:
+    """What is found in the channels that were left for later: first in that on screen, then in the others."""
+    starts = state.settings.starts[:MOST_CHANNELS] if state.live is None else ()
+    if state.live is None and state.settings.starts[state.index].how == NOT_FITTED:
+        yield (first_answer(state.recording, state.channel),)
+    late = [one.name for one in starts if one.how == NOT_FITTED and one.name != state.channel]
+    if late:
+        yield tuple(first_answer(state.recording, name, MOST_FITTED // len(starts)) for name in late)
+
+
+def with_firsts(state: State, firsts: tuple[Outcome, ...]) -> State:
+    """The state with what was found of channels that were not fitted yet; what was set since then stays."""
+    found, settings = {one.before.name: one for one in firsts}, state.settings
+    starts = settings.starts
+
+    def known(each: tuple[ChannelTuning, ...]) -> tuple[ChannelTuning, ...]:
+        pairs = zip(each, starts, strict=True)
+        late = (one == start and one.how == NOT_FITTED and one.name in found for one, start in pairs)
+        return tuple(found[one.name].before if is_late else one for one, is_late in zip(each, late, strict=True))
+
+    return state.with_settings(
+        starts=known(starts),
+        tunings=known(settings.tunings),
+        firsts=tuple(found.get(one.before.name, one) if one.how == NOT_FITTED else one for one in settings.firsts),
+    )
+
+
+def first_answer(recording: Recording, name: str, most: int = MOST_FITTED) -> Outcome:
+    """What `find_parameters` finds in `most` samples of one channel, in the middle of a long one."""
     first = max((len(recording) - most) // 2, 0)
     part = slice(first, first + most)
     dt = recording.steps()[part] if recording.gaps == "dt" else None
     found = find_parameters(recording.channel(name)[part], dt=dt, sample_period=recording.sample_period)
     assert found.params is not None
-    return ChannelTuning.of_params(name, recording.units[recording.index(name)], found.params, found.how)
+    start = ChannelTuning.of_params(name, recording.units[recording.index(name)], found.params, found.how)
+    return Outcome(found.how, found.message, start, start, found.estimate, found.request)
 
 
 def opened_with(recording: Recording, tuning: Tuning) -> State:
@@ -126,7 +158,7 @@ def opened_with(recording: Recording, tuning: Tuning) -> State:
     Raises:
         BadSetting: none of the recording's channels is in the file.
     """
-    return adapted(opened(recording), tuning)
+    return adapted(opened_raw(recording), tuning)
 
 
 def adapted(state: State, tuning: Tuning) -> State:
@@ -176,7 +208,7 @@ def opened_experiment(name: str, before: State | None = None) -> State:
         BadSetting: no such experiment.
     """
     recording, filters = open_experiment(name)
-    state = opened(recording, before)
+    state = opened(recording, before, tuple(first_answer(recording, name) for name in recording.names))
     chosen = [filters[channel] for channel in recording.names]
     tunings = tuple(map(_tuning_of, state.settings.tunings, chosen))
     return state.with_settings(tunings=tunings, starts=tunings).with_answers(note="")

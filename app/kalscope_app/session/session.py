@@ -11,6 +11,7 @@ from typing import Protocol
 
 from kalscope.sources.live.source import LiveSource
 from kalscope_app.session.live_changes import refreshed, with_current_samples, without_samples
+from kalscope_app.session.opening import with_firsts
 from kalscope_app.session.state import NO_CONNECTION, Change, ConnectionState, State
 
 # Undo and redo of gestures, pure: what is remembered, what belongs to one gesture, the steps back and forth.
@@ -44,8 +45,8 @@ class History:
 
 
 def record(history: History, before: State, after: State, key: str, now: float) -> History:
-    """Remember `before` if `after` differs in what the user tunes; the view does not count."""
-    if _tuned(before) == _tuned(after):
+    """Remember `before` if `after` differs in what the user tunes; the view and late first answers do not count."""
+    if _tuned(before) == _tuned(after) or _tuned(with_firsts(before, after.settings.firsts)) == _tuned(after):
         return history
     if key and key == history.key and (key.startswith(HELD) or now - history.time < SAME_GESTURE):
         return replace(history, future=(), time=now)
@@ -76,6 +77,7 @@ def _seen_as(present: State, other: State) -> State:
     live = present.live if same_record else other.live  # following and pausing belong to the view
     # What a board has taken stays taken, and what it measured stays measured.
     now = replace(other, sent=present.sent, calibration=present.calibration, fleet=present.fleet)
+    now = with_firsts(now, present.settings.firsts) if same_record else now
     return replace(now, view=view, live=live).with_answers(note="")
 
 

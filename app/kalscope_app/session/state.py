@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import string
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import islice
 from typing import TYPE_CHECKING, Any, Concatenate, Literal, ParamSpec
@@ -453,6 +453,8 @@ class ChannelSettings:
     """Whether the other channels follow the one on screen, one of `linked_channels.LINKS`."""
     fusion: Fusion | None = None
     """The filter of several channels that measure one quantity; None = none are fused."""
+    firsts: tuple[Outcome, ...] = field(default=(), compare=False)
+    """How each of `starts` was found; () where that is not known."""
 
 
 @dataclass(frozen=True)
@@ -625,6 +627,12 @@ class State:
         return choice if choice in names else None
 
     @property
+    def outcome(self) -> Outcome | None:
+        """The search that gave the filter of the channel: the last one, else the first answer while it stays."""
+        first = next((one for one in self.settings.firsts if one.after == self.tuning), None)
+        return self.answers.outcome or first
+
+    @property
     def record_key(self) -> tuple[int, int]:
         """What identifies the record while it is open; a live one stays the same while it grows."""
         return (id(self.recording), 0) if self.live is None else self.live.key
@@ -639,7 +647,7 @@ class State:
     @property
     def set_aside(self) -> NDArray[np.bool_] | None:
         """Samples of the channel on screen that the last search set aside as spikes, shape (n,); None = none."""
-        found = None if self.answers.outcome is None or self.fusion else self.answers.outcome.estimate
+        found = None if self.outcome is None or self.fusion else self.outcome.estimate
         aside = None if found is None else found.outliers
         return aside if aside is not None and len(aside) == len(self.recording) and aside.any() else None
 

@@ -20,6 +20,7 @@ from kalscope.estimation.still import find_still_stretch
 from kalscope.export.board import BoardCheck, check_board
 from kalscope.filtering.params import FilterParams
 from kalscope_app.engine.filter_runs import Cache
+from kalscope_app.session.opening import NOT_FITTED
 from kalscope_app.session.state import Fusion, State
 
 # The still stretch of the channel on screen, found once for each recording.
@@ -224,13 +225,13 @@ class Checks:
 
 
 def compute_checks(state: State, still: Callable[[State], Stretch] = lambda _state: None) -> Checks | None:
-    """Diagnose the channel on screen; None where its filter has no q and r to judge.
+    """Diagnose the channel on screen; None where its filter has no q and r to judge, or these are still to come.
 
     Args:
         state: what is on screen.
         still: finds a still stretch, which is asked for only where it would help.
     """
-    if not state.is_standard:
+    if not state.is_standard or state.tuning.how == NOT_FITTED:
         return None
     z, dt = state.z, state.dt
     whole = diagnose_run(Run.of_samples(z, state.params, dt))
@@ -251,8 +252,8 @@ def _of_filter(
     state: State, whole: Diagnostics, held_out: Diagnostics, still: Callable[[State], Stretch]
 ) -> Judgement:
     """The one judgement of the filter on screen, with all that is known about it."""
-    answers, tuning = state.answers, state.tuning
-    outcome = answers.outcome if answers.outcome and answers.outcome.after is not None else None
+    tuning, outcome = state.tuning, state.outcome
+    outcome = outcome if outcome and outcome.after is not None else None
     estimate = outcome.estimate if outcome is not None and outcome.after == tuning else None
     asked = request_in(tuning.how, tuning.r) if outcome is None else outcome.request
     return judge(

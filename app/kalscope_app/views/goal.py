@@ -184,7 +184,7 @@ def answer_text(state: State) -> str:
 
 def account_text(state: State) -> str:
     """What an estimate found out about the recording, "" for none: too long for the space above the sliders."""
-    outcome = state.answers.outcome
+    outcome = state.outcome
     return "" if outcome is None or outcome.after is None or outcome.estimate is None else outcome.message
 
 

@@ -243,7 +243,7 @@ def findings_of(evidence: Evidence, known: Known) -> list[Finding]:
         return _rounded(evidence, known)
     if evidence.structure is not None and not known.estimated:  # another momentum may fit all parts
         evidence = replace(evidence, change=1.0)
-    spikes, change = _spikes(evidence, known), _change(evidence)
+    spikes, change = _spikes(evidence, known), _change(evidence, known)
     fitted_again = spikes is not None and isinstance(spikes.action, actions.SetSpikesAside)
     fitted_again = fitted_again or (known.robust and evidence.spikes > 0)  # it has seen them, and kept them
     factors = (evidence.correction.q_factor, evidence.correction.r_factor)
@@ -265,7 +265,9 @@ def findings_of(evidence: Evidence, known: Known) -> list[Finding]:
         change if evidence.change <= off else None,
         _refused_runs(evidence, known),
     )
-    listed = [one for one in ordered if one is not None]
+    found = [one for one in ordered if one is not None]
+    last = [one for one in found if one.text.startswith((KEEP, CHOOSE))][1:]  # the first says what to do
+    listed = [one for one in found if one not in last]
     if known.goal or known.noise:
         listed = _as_chosen(listed, known, evidence.momentum)
     shape = None if listed else _shape(evidence, known)
@@ -345,16 +347,26 @@ def _jumps(evidence: Evidence, known: Known) -> Finding | None:
         f"{'delays it' if evidence.refused else 'would delay it'}, and a q that follows it lets more noise through "
         "between the steps"
     )
-    mends = evidence.refused and not known.robust  # that fit has weighed what the gate delays
-    return Finding("steps", text, actions.SetGate(None) if mends else None)
+    if evidence.refused and not known.robust:  # that fit has weighed what the gate delays
+        return Finding("steps", text, actions.SetGate(None))
+    return _to_accept("steps", text, evidence, known)
 
 
-def _change(evidence: Evidence) -> Finding | None:
+def _to_accept(status: str, text: str, evidence: Evidence, known: Known) -> Finding:
+    """A misfit that no q and r mend, and what an estimate leaves to do: keep the filter, or choose the lag."""
+    if not known.estimated:
+        return Finding(status, text)
+    if evidence.lag_costs:
+        return Finding(status, f"{KEEP}. {text}")
+    return Finding(status, f"{CHOOSE}. {text}", actions.ChooseFilter())
+
+
+def _change(evidence: Evidence, known: Known) -> Finding | None:
     if evidence.change <= 1.0:
         return None
     size = "over 1000" if evidence.change > 1000.0 else number(evidence.change, 2)
     text = f"the noise or the movement changes: the variance of the residuals differs {size} × between parts "
-    return Finding("changes", f"{text}of the record, which one pair cannot fit")
+    return _to_accept("changes", f"{text}of the record, which one pair cannot fit", evidence, known)
 
 
 def _edge(evidence: Evidence) -> Finding | None:
@@ -405,11 +417,7 @@ def _structure(evidence: Evidence, known: Known) -> Finding | None:
             f"residuals stay correlated{pair}: the signal has hum, trend, steps or coloured noise that a random "
             f"walk{walk} cannot describe"
         )
-    if not known.estimated:
-        return Finding("structure", text)
-    if evidence.lag_costs:
-        return Finding("structure", f"{KEEP}; {text}")
-    return Finding("structure", f"{CHOOSE}: {text}", actions.ChooseFilter())
+    return _to_accept("structure", text, evidence, known)
 
 
 def _shape(evidence: Evidence, known: Known) -> Finding | None:

@@ -22,7 +22,7 @@ from kalscope.analysis.diagnostics import (
     residual_rows,
     without_residuals,
 )
-from kalscope.analysis.findings import as_sentences
+from kalscope.analysis.findings import KEEP, as_sentences
 from kalscope.analysis.fused import judge_fusion
 from kalscope.analysis.judge import Judgement, judge, needs_noise
 from kalscope.analysis.residuals import Run
@@ -480,7 +480,7 @@ def _next(answer: Answer) -> Iterator[str]:
         option = option_for(one.action, answer)
         how = f", {'' if option.startswith('without') else 'with '}{option}" if option else ""
         text = as_sentences(one.text) if ". " in one.text else one.text
-        yield f"{'Note' if one.action is None else 'Next'}{how}: {text}"
+        yield f"{'Next' if one.action or text.casefold().startswith(KEEP) else 'Note'}{how}: {text}"
     about = list(_about_sensors(answer)) if answer.fuses else []
     yield from about
     due = [one for one in advice if one.action or not answer.fuses]  # that a sensor was silent leaves nothing to do

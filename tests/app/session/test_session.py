@@ -10,8 +10,18 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kalscope import BadFile, BadSetting, FilterParams, Recording, kalman_filter, read_recording, starting_params
+from kalscope import (
+    BadFile,
+    BadSetting,
+    FilterParams,
+    Recording,
+    kalman_filter,
+    open_source,
+    read_recording,
+    starting_params,
+)
 from kalscope.filtering.params import MAX_MOMENTUM
+from kalscope.sources.samples import list_samples
 from kalscope.tuning.file import dumps
 from kalscope.tuning.tuning import ChannelTuning, Tuning
 from kalscope_app.engine.filter_runs import choose_samples
@@ -37,7 +47,7 @@ from kalscope_app.session.changes import (
     uploaded_settings,
     use_settings,
 )
-from kalscope_app.session.opening import opened, opened_with
+from kalscope_app.session.opening import later_answers, opened, opened_raw, opened_with, with_firsts
 from kalscope_app.session.session import (
     HELD,
     LIMIT,
@@ -51,6 +61,7 @@ from kalscope_app.session.session import (
     undo,
 )
 from kalscope_app.session.state import SAME_LAG, SAME_NUMBERS, View
+from kalscope_app.studies.checks import compute_checks
 
 
 def recording(n=1000, period=0.01, scale=1.0, names=("a", "b"), sha256="x"):
@@ -81,6 +92,30 @@ def test_a_new_recording_starts_with_its_first_answer(state):
         == starting_params(wide.recording.channel("39"))
         != wide.settings.starts[39].params
     )
+
+
+@pytest.mark.parametrize("source", ["demo", *(f"sample:{sample.name}" for sample in list_samples())])
+def test_no_recording_opens_as_too_slow_or_too_fast(source):
+    found = compute_checks(opened(open_source(source)))
+    assert found.judgement.status not in ("too_slow", "too_fast", "band", "spikes", "gate")
+
+
+def test_late_first_answers_leave_what_was_touched_and_are_no_step_of_undo():
+    raw, whole = opened_raw(recording()), opened(recording())
+    session = Session(raw)
+    session.request(set_text("q", "0.5"))
+    for firsts in later_answers(raw):
+        session.request(lambda state, firsts=firsts: with_firsts(state, firsts))
+    now = session.apply_requests()[0]
+    assert (now.tuning.q, now.tuning.how) == (0.5, "by hand")
+    assert now.settings.starts == whole.settings.starts
+    assert now.settings.tunings[1:] == whole.settings.tunings[1:]
+    session.request(undo)
+    before = session.apply_requests()[0]
+    assert before.settings == whole.settings
+    assert before.outcome.message == whole.outcome.message
+    session.request(undo)
+    assert "nothing to undo" in session.apply_requests()[0].answers.note
 
 
 @pytest.mark.parametrize("scale", [1e-9, 1.0, 1e9])
