@@ -20,7 +20,7 @@ from kalscope.papers.reproduction import open_experiment
 from kalscope.recording import Recording, Timing
 from kalscope.tuning.choose import adapt_tuning, name_of_fused
 from kalscope.tuning.tuning import ChannelTuning, Tuning, same_period
-from kalscope_app.session.state import ChannelSettings, Fusion, OpenRecording, State
+from kalscope_app.session.state import ChannelSettings, Fusion, OpenRecording, Outcome, State
 
 MAX_NAMED = 3
 """Channels that a note names."""
@@ -51,8 +51,10 @@ def opened(
         before: The state until then.
         starts: The starting values of each channel; None = those of the recording.
     """
-    starts = starts or tuple(starting_tuning(recording, name) for name in recording.names)
-    fresh = State(OpenRecording(recording, default_channel(recording)), ChannelSettings(starts, starts))
+    firsts = () if starts else tuple(_first(recording, name) for name in recording.names)
+    starts = starts or tuple(one.before for one in firsts)
+    settings = ChannelSettings(starts, starts, firsts=firsts)
+    fresh = State(OpenRecording(recording, default_channel(recording)), settings)
     fresh = with_first_answer(fresh)
     return fresh if before is None else _with_what_stays(fresh, before)
 
@@ -91,25 +93,32 @@ def _listed(names: list[str]) -> str:
 
 def starting_tuning(recording: Recording, name: str) -> ChannelTuning:
     """The filter that `find_parameters` finds in one channel; of the last of many channels a harmless one."""
+    return _first(recording, name).before
+
+
+def _first(recording: Recording, name: str) -> Outcome:
     if recording.index(name) < MOST_CHANNELS:
         return _first_answer(recording, name)
     r = noise_scale(recording.channel(name))
-    return ChannelTuning(name, recording.units[recording.index(name)], r, r, how=NOT_FITTED)
+    start = ChannelTuning(name, recording.units[recording.index(name)], r, r, how=NOT_FITTED)
+    return Outcome(NOT_FITTED, "", start, start)
 
 
 def with_first_answer(state: State) -> State:
     """The state with the filter of the channel on screen found, where that was left for later."""
     if state.settings.starts[state.index].how != NOT_FITTED:
         return state
-    start, settings = _first_answer(state.recording, state.channel), state.settings
+    first, settings = _first_answer(state.recording, state.channel), state.settings
+    start = first.before
 
     def found(each: tuple[ChannelTuning, ...]) -> tuple[ChannelTuning, ...]:
         return tuple(start if one.name == start.name and one.how == NOT_FITTED else one for one in each)
 
-    return state.with_settings(starts=found(settings.starts), tunings=found(settings.tunings))
+    firsts = tuple(first if one.before.name == start.name else one for one in settings.firsts)
+    return state.with_settings(starts=found(settings.starts), tunings=found(settings.tunings), firsts=firsts)
 
 
-def _first_answer(recording: Recording, name: str) -> ChannelTuning:
+def _first_answer(recording: Recording, name: str) -> Outcome:
     """The filter that `find_parameters` finds in one channel, in the middle of a long one."""
     most = MOST_FITTED // min(len(recording.names), MOST_CHANNELS)
     first = max((len(recording) - most) // 2, 0)
@@ -117,7 +126,8 @@ def _first_answer(recording: Recording, name: str) -> ChannelTuning:
     dt = recording.steps()[part] if recording.gaps == "dt" else None
     found = find_parameters(recording.channel(name)[part], dt=dt, sample_period=recording.sample_period)
     assert found.params is not None
-    return ChannelTuning.of_params(name, recording.units[recording.index(name)], found.params, found.how)
+    start = ChannelTuning.of_params(name, recording.units[recording.index(name)], found.params, found.how)
+    return Outcome(found.how, found.message, start, start, found.estimate, found.request, found.costs)
 
 
 def opened_with(recording: Recording, tuning: Tuning) -> State:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import string
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import islice
 from typing import TYPE_CHECKING, Any, Concatenate, Literal, ParamSpec
@@ -18,6 +18,7 @@ from kalscope.common.text import trimmed
 from kalscope.errors import BadSetting
 from kalscope.estimation.request import Request
 from kalscope.estimation.result import Estimate
+from kalscope.estimation.settings import Cost
 from kalscope.export.board import Calibrated, Measurement
 from kalscope.export.float32 import Float32Params
 from kalscope.filtering.classic import Chain, OneEuro
@@ -452,6 +453,8 @@ class ChannelSettings:
     """Whether the other channels follow the one on screen, one of `linked_channels.LINKS`."""
     fusion: Fusion | None = None
     """The filter of several channels that measure one quantity; None = none are fused."""
+    firsts: tuple[Outcome, ...] = field(default=(), compare=False)
+    """How each of `starts` was found; () where that is not known."""
 
 
 @dataclass(frozen=True)
@@ -470,6 +473,8 @@ class Outcome:
     """The estimate behind it; None where the parameters were chosen."""
     request: Request | None = None
     """What was asked for; the goal holds as long as the outcome, which a change of q, r or momentum drops."""
+    costs: tuple[Cost, ...] = ()
+    """What each lag leaves of the noise and loses of the movement; () where that is not known."""
 
 
 @dataclass(frozen=True)
