@@ -273,7 +273,9 @@ class GoalView:
             self._boxes = [gui.add_text("", "", visible=False, hint=hint_of("")) for _ in range(2)]
             self._apply = gui.add_button("Apply", color=PRIMARY, hint="Sets q and r in one step; Undo reverts it.")
             self._costs = gui.add_markdown("", visible=False)
-            self._settings = gui.add_button_group("smoothing", tuple(SETTINGS), visible=False)
+            self._settings = gui.add_button_group(
+                "smoothing", tuple(SETTINGS), visible=False, hint="Takes this setting; Undo reverts it."
+            )
             self._progress = gui.add_progress_bar(0.0, visible=False)
             self._cancel = gui.add_button("Cancel", visible=False, hint="Stop the search and change nothing.")
             self._answer = gui.add_markdown("", visible=False)
