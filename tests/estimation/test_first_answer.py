@@ -115,7 +115,7 @@ def test_the_settings_lose_what_they_say_and_a_lag_is_proposed_that_is_not_slowe
     assert found.lost == pytest.approx(0.1, rel=0.02)
     for ratio in (1e-4, 1e4):
         present = FilterParams(ratio, 1.0)
-        assert proposed_lag(found, present) <= steady_state(present).lag_samples
+        assert proposed_lag(found.costs, present) <= steady_state(present).lag_samples
 
 
 def test_a_code_for_no_echo_neither_starts_nor_moves_the_filter_and_a_step_is_followed_at_once():

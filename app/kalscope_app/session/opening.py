@@ -149,7 +149,7 @@ def first_answer(recording: Recording, name: str, most: int = MOST_FITTED) -> Ou
     found = find_parameters(recording.channel(name)[part], dt=dt, sample_period=recording.sample_period)
     assert found.params is not None
     start = ChannelTuning.of_params(name, recording.units[recording.index(name)], found.params, found.how)
-    return Outcome(found.how, found.message, start, start, found.estimate, found.request)
+    return Outcome(found.how, found.message, start, start, found.estimate, found.request, found.costs)
 
 
 def opened_with(recording: Recording, tuning: Tuning) -> State:

@@ -18,6 +18,7 @@ from kalscope.common.text import trimmed
 from kalscope.errors import BadSetting
 from kalscope.estimation.request import Request
 from kalscope.estimation.result import Estimate
+from kalscope.estimation.settings import Cost
 from kalscope.export.board import Calibrated, Measurement
 from kalscope.export.float32 import Float32Params
 from kalscope.filtering.classic import Chain, OneEuro
@@ -473,6 +474,8 @@ class Outcome:
     """The estimate behind it; None where the parameters were chosen."""
     request: Request | None = None
     """What was asked for; the goal holds as long as the outcome, which a change of q, r or momentum drops."""
+    costs: tuple[Cost, ...] = ()
+    """What each lag leaves of the noise and loses of the movement; () where that is not known."""
 
 
 @dataclass(frozen=True)

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import math
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import viser
 
-from kalscope.common.text import TIME_UNITS, decibels, gate_text, lag_text, number, percent, trimmed, typed_number
+from kalscope.common.text import TIME_UNITS, decibels, gate_text, lag_text, number, percent, typed_number
 from kalscope.errors import BadSetting
 from kalscope.estimation.methods import METHODS
-from kalscope.estimation.request import Noise, Request, find_parameters
+from kalscope.estimation.request import MIN_LAG, Noise, Request, find_parameters, proposed_lag
+from kalscope.estimation.settings import SETTINGS, Cost
 from kalscope.filtering.steady import steady_state
 from kalscope.tuning.tuning import ChannelTuning
 from kalscope_app.engine.frame import Frame
@@ -19,7 +21,7 @@ from kalscope_app.engine.jobs import Jobs
 from kalscope_app.session.changes import apply_found, momentum_words, set_search_method
 from kalscope_app.session.session import Failed, Session
 from kalscope_app.session.state import Outcome, State
-from kalscope_app.views.widgets import SlowJobProgress, bind, noise_left, on_user
+from kalscope_app.views.widgets import SlowJobProgress, bind, noise_left, on_user, put, typed
 from kalscope_app.views.window import PRIMARY
 
 # The ways to find q and r that the dashboard offers: what each asks the user for, and the search it requests.
@@ -62,14 +64,18 @@ def _known_noise(state: State) -> Noise:
     return Noise() if found is None or found.request is None else found.request.noise
 
 
-def _lag(period: float | None, *, with_overshoot: bool = False) -> SearchMethod:
-    """The goal of a lag: in samples where the sample period (s) is unknown, else in a unit that suits it."""
+def _lag(samples: float, period: float | None, *, with_overshoot: bool = False) -> SearchMethod:
+    """The goal of a lag, first `samples`, in a unit that suits it; in samples where the period (s) is unknown."""
     if period is None:
-        return _target("lag_samples", "lag (samples)", "10", with_overshoot=with_overshoot)
-    usual = 5.0 * period
-    unit, length = TIME_UNITS[0] if usual < 1.0 else next(one for one in reversed(TIME_UNITS) if one[1] <= usual)
-    content = "50" if period <= 0.025 else trimmed(usual / length, 1)
-    return _target("lag_s", f"lag ({unit})", content, length, with_overshoot=with_overshoot)
+        return _target("lag_samples", "lag (samples)", _short(samples), with_overshoot=with_overshoot)
+    unit, length = next((one for one in reversed(TIME_UNITS) if one[1] <= samples * period), TIME_UNITS[0])
+    return _target(
+        "lag_s", f"lag ({unit})", _short(samples * period / length), length, with_overshoot=with_overshoot
+    )
+
+
+def _short(value: float) -> str:
+    return typed(float(f"{value:.2g}"))
 
 
 def _noise(*names: tuple[str, str, str]) -> SearchMethod:
@@ -114,14 +120,14 @@ def hint_of(label: str) -> str:
 LAG, MORE = "maximum lag", "more …"
 
 SEARCH_METHODS: dict[str, SearchMethod] = {
-    LAG: _lag(0.01),
+    LAG: _lag(10.0, None),
     "cut-off frequency": _target("cutoff_hz", "cut-off (Hz)", "1"),
     "noise reduction": _target("noise_reduction_db", "reduction (dB)", "12"),
     "best fit": _method("ml"),
     "a still stretch, fit q": SearchMethod(_still),
     "data sheet σ, fit q": _noise(("sigma", "σ (std)", "")),
     "data sheet density, fit q": _noise(("density", "per √Hz", ""), ("bandwidth_hz", "bandwidth (Hz)", "")),
-    "lag with overshoot": _lag(0.01, with_overshoot=True),
+    "lag with overshoot": _lag(10.0, None, with_overshoot=True),
     "noise reduction with overshoot": _target("noise_reduction_db", "reduction (dB)", "12", with_overshoot=True),
     "lag in samples": _target("lag_samples", "lag (samples)", "10", with_overshoot=True),
     "gain K": _target("gain", "gain K", "0.1"),
@@ -140,11 +146,48 @@ HINT = "What the filter is for. Best fit: the q and r that explain the recording
 
 
 def method_of(state: State) -> SearchMethod:
-    """The chosen way; a lag is in a unit that suits the record."""
+    """The chosen way; a lag is first the one that suits the signal on screen."""
     name = state.view.search_method
     if name not in (LAG, "lag with overshoot"):
         return SEARCH_METHODS[name]
-    return _lag(state.recording.sample_period, with_overshoot=name != LAG)
+    samples = max(proposed_lag(costs_of(state), state.start.params), MIN_LAG)
+    return _lag(
+        samples if math.isfinite(samples) else 10.0, state.recording.sample_period, with_overshoot=name != LAG
+    )
+
+
+# Where the best fit hardly filters, three settings stand below the goal: the first answer is the medium one.
+
+
+def costs_of(state: State) -> tuple[Cost, ...]:
+    """What each lag costs on the channel on screen; () where that is not known."""
+    first = _first(state)
+    return () if first is None else first.costs
+
+
+def _first(state: State) -> Outcome | None:
+    return next((one for one in state.settings.firsts if one.before.name == state.channel), None)
+
+
+def settings_of(state: State) -> dict[str, Cost]:
+    """The three settings by name, where the signal shows hardly any noise; else none."""
+    first = _first(state)
+    hardly = first is not None and first.request is not None and first.request.setting in SETTINGS
+    return {one.name: one for one in costs_of(state) if one.name and hardly}
+
+
+def settings_text(state: State) -> str:
+    """What the three settings cost, as markdown; "" where there is noise to remove."""
+    if not (settings := settings_of(state)):
+        return ""
+    period = state.recording.sample_period
+    cells = [
+        (name, _glued(lag_text(one.lag_samples, period)), percent(one.noise_left), percent(one.movement_lost))
+        for name, one in settings.items()
+    ]
+    rows = (f"| {' | '.join(row)} |" for row in cells)
+    head = "| | lag | noise left | movement lost |\n|---|---|---|---|\n"
+    return f"Hardly any noise to remove without losing movement. Choose:\n\n{head}" + "\n".join(rows)
 
 
 # What the last search gave, in a sentence below Apply: what the filter costs, and what has changed.
@@ -220,7 +263,7 @@ class GoalView:
 
     def __init__(self, gui: viser.GuiApi, session: Session, jobs: Jobs) -> None:
         self._session, self._jobs = session, jobs
-        self._shown: tuple[str, ...] = ()
+        self._shown: tuple[object, ...] = ()
         self._stop = threading.Event()
         with gui.add_form(None) as self._form:
             self._goal = gui.add_dropdown("goal", (*GOALS, MORE), hint=HINT)
@@ -229,6 +272,10 @@ class GoalView:
             )
             self._boxes = [gui.add_text("", "", visible=False, hint=hint_of("")) for _ in range(2)]
             self._apply = gui.add_button("Apply", color=PRIMARY, hint="Sets q and r in one step; Undo reverts it.")
+            self._costs = gui.add_markdown("", visible=False)
+            self._settings = gui.add_button_group(
+                "smoothing", tuple(SETTINGS), visible=False, hint="Takes this setting; Undo reverts it."
+            )
             self._progress = gui.add_progress_bar(0.0, visible=False)
             self._cancel = gui.add_button("Cancel", visible=False, hint="Stop the search and change nothing.")
             self._answer = gui.add_markdown("", visible=False)
@@ -236,6 +283,7 @@ class GoalView:
         bind(self._method, session, lambda method: set_search_method(method, SEARCH_METHODS))
         on_user(self._form.on_submit, lambda _client: self._find_and_apply())
         on_user(self._apply.on_click, lambda _client: self._find_and_apply())
+        on_user(self._settings.on_click, lambda _client: self._take_setting(self._settings.value))
         on_user(self._cancel.on_click, lambda _client: self._stop.set())
         for goal in GOALS:  # so that the palette finds them by their words
             command = gui.add_command(f"Goal: {goal}", description=HINT)
@@ -248,6 +296,13 @@ class GoalView:
         def request(state: State) -> Request:
             method = method_of(state)
             return method.request(state, texts[: len(method.boxes)])
+
+        self.search(request)
+
+    def _take_setting(self, name: str) -> None:
+        def request(state: State) -> Request | None:
+            cost = settings_of(state).get(name)
+            return None if cost is None else Request(target={"lag_samples": cost.lag_samples}, momentum=0.0)
 
         self.search(request)
 
@@ -277,6 +332,9 @@ class GoalView:
         """Show the boxes of the chosen method, and the last answer; it is for the Kalman filter alone."""
         self._form.visible = frame.state.fusion is None and frame.state.tuning.chain is None
         self._show_method(frame.state)
+        table = settings_text(frame.state)
+        put(self._costs, content=table, visible=bool(table))
+        put(self._settings, visible=bool(table))
         answer = answer_text(frame.state)
         self._answer.content, self._answer.visible = answer, bool(answer)
 
@@ -287,13 +345,15 @@ class GoalView:
         if name not in GOALS:
             self._method.value = name
         labels = tuple(label for label, _ in wanted)
+        about = state.record_key, state.channel, bool(costs_of(state))
+        shown = about, name, *labels
         for i, box in enumerate(self._boxes):
             box.visible = i < len(wanted)
             if i < len(wanted):
-                if (name, *labels)[: i + 2] != self._shown[: i + 2]:
+                if shown[: i + 3] != self._shown[: i + 3]:
                     box.value = wanted[i][1]
                 box.label, box.hint = labels[i], hint_of(wanted[i][0])
-        self._shown = name, *labels
+        self._shown = shown
 
 
 def _method_for(goal: str) -> str:

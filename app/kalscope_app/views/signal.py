@@ -355,8 +355,6 @@ def heading_of(frame: Frame) -> str:
                 f"recording to **{escape_markdown(recording.name)}**: {count(recording.counts.written)} lines"
             )
             parts += [f"**{escape_markdown(recording.error, 160)}**"] if recording.error else []
-    if starts_wild(frame):
-        parts.append("innovation axis clipped at start-up")
     return " · ".join(parts)
 
 
@@ -371,14 +369,6 @@ def without_start(frame: Frame) -> tuple[Array, Array]:
     """Innovation and its 2√s, clipped to the range after the start-up, which the start would dwarf."""
     limit = largest_after_start(frame)
     return np.clip(frame.innovation, -limit, limit), np.minimum(frame.innovation_spread, limit)
-
-
-def starts_wild(frame: Frame) -> bool:
-    """Whether the innovation of the start-up is larger than any later one, and so is clipped in the chart."""
-    if frame.state.tuning.chain is not None:
-        return False
-    finite = frame.innovation[np.isfinite(frame.innovation)]
-    return bool(np.abs(finite).max(initial=0.0) > largest_after_start(frame))
 
 
 def largest_after_start(frame: Frame) -> float:

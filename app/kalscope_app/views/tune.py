@@ -177,7 +177,7 @@ class MoreView:
             "Add momentum",
             hint="For signals that keep their direction: less noise at the same lag, but overshoot.",
         )
-        reset = gui.add_button("Reset", hint="r = var(Δz)/2, q = r/100; for fused sensors, the values found.")
+        reset = gui.add_button("Reset", hint="Back to how the recording opened, or the sensors were fused.")
         self._gain = gui.add_checkbox("show gain chart", False, hint="The gain K of the first samples.")
         self._table = gui.add_markdown("")
         self._account = gui.add_markdown("", visible=False)

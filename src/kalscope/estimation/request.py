@@ -6,7 +6,7 @@ a number) fixes r; what is left is estimated from the record.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
@@ -283,9 +283,9 @@ def starting_params(z: ArrayLike, dt: ArrayLike | None = None) -> FilterParams:
     return params
 
 
-def proposed_lag(result: FitResult, present: FilterParams) -> float:
+def proposed_lag(costs: Iterable[Cost], present: FilterParams) -> float:
     """The lag in samples to propose as a goal: of the medium setting, and never slower than the present filter."""
-    lags = [one.lag_samples for one in result.costs if one.name == "medium"]
+    lags = [one.lag_samples for one in costs if one.name == "medium"]
     return min([*lags, steady_state(present).lag_samples])
 
 

@@ -8,7 +8,7 @@ import pytest
 from kalscope import BadSetting, FilterParams, Recording, estimate, steady_state
 from kalscope.cli.tune_options import TuneOptions
 from kalscope.common.text import percent
-from kalscope.estimation.request import FitResult, find_parameters
+from kalscope.estimation.request import FitResult, find_parameters, proposed_lag
 from kalscope_app.session.changes import apply_found, select_channel, set_text
 from kalscope_app.session.opening import opened
 from kalscope_app.studies.checks import compute_checks
@@ -17,7 +17,10 @@ from kalscope_app.views.goal import (
     SEARCH_METHODS,
     account_text,
     answer_text,
+    costs_of,
     method_of,
+    settings_of,
+    settings_text,
 )
 
 
@@ -35,7 +38,7 @@ def state():
 
 def search(state, way, *texts):
     rec = state.recording
-    request = SEARCH_METHODS[way].request(state, list(texts))
+    request = method_of(state.with_view(search_method=way)).request(state, list(texts))
     return find_parameters(rec.channel(state.channel), request, sample_period=rec.sample_period)
 
 
@@ -69,7 +72,7 @@ COMMANDS = {
 def test_the_dashboard_and_the_command_line_ask_for_the_same(state, way):
     option, text = COMMANDS[way]
     options = TuneOptions(**{option.removeprefix("--").replace("-", "_"): float(text)})
-    assert SEARCH_METHODS[way].request(state, [text]) == options.request(state.recording)
+    assert method_of(state.with_view(search_method=way)).request(state, [text]) == options.request(state.recording)
 
 
 def test_what_is_known_about_the_noise_holds_for_the_next_goal(state):
@@ -116,21 +119,28 @@ def test_the_answer_is_one_sentence_with_what_it_costs_and_what_has_changed(stat
     assert text.startswith("The gain 0.5: lag **10 ms** leaves **58 % of the noise** (−4.77 dB).")
 
 
-def test_the_lag_is_asked_for_in_a_unit_that_suits_the_record():
-    boxes = {
-        None: ("lag (samples)", "10"),
-        0.002: ("lag (ms)", "50"),
-        0.1: ("lag (ms)", "500"),
-        1.0: ("lag (s)", "5"),
-        240.0: ("lag (min)", "20"),
-        31557600.0: ("lag (years)", "5"),
-    }
-    for period, box in boxes.items():
+def test_the_lag_is_first_that_of_the_medium_setting_in_a_unit_that_suits_it():
+    units = {None: "samples", 0.002: "ms", 0.1: "ms", 10.0: "s", 240.0: "min", 31557600.0: "years"}
+    for period, unit in units.items():
         state = opened(recording(period=period))
-        assert method_of(state).boxes == (box,)
-        request = method_of(state).request(state, [box[1]])
-        (target,) = request.target.items()
-        assert target == (("lag_samples", 10.0) if period is None else ("lag_s", max(0.05, 5.0 * period)))
+        lag = proposed_lag(costs_of(state), state.tuning.params)
+        assert 0.5 < lag < 10.0
+        ((label, content),) = method_of(state).boxes
+        assert label == f"lag ({unit})"
+        assert method_of(state.with_tuning(q=1e-9)).boxes == ((label, content),)  # the box stays as it was filled
+        (target,) = method_of(state).request(state, [content]).target.values()
+        assert target / (period or 1.0) == pytest.approx(lag, rel=0.05)
+
+
+def test_three_settings_are_offered_where_the_best_fit_hardly_filters():
+    time = np.arange(2000) * 0.01
+    still, moving = opened(recording()), opened(Recording(time, ("a",), ("",), np.sin(time)[:, None], 0.01))
+    assert settings_of(still) == {}
+    assert [one.movement_lost for one in settings_of(moving).values()] == sorted(
+        one.movement_lost for one in settings_of(moving).values()
+    )
+    assert list(settings_of(moving)) == ["light", "medium", "strong"]
+    assert (settings_text(still), settings_text(moving).count("\n|")) == ("", 5)
 
 
 def test_the_answer_says_what_momentum_costs(state):
