@@ -146,6 +146,7 @@ def drag_across(screen, first, last):
 
 def test_tuning_by_keys_text_and_mouse_moves_the_curve_and_only_two_gestures_the_zoom(start):
     screen = start("demo")
+    screen.wait_for_line("filtered", filtered(DEMO))  # the first answer
     screen.wait_for_fit()
     drag_across(screen, 0.25, 0.5)
     screen.wait(f"() => ({FIND})('filtered')?.data[0].length < {len(DEMO) // 2}")  # the window follows the zoom
