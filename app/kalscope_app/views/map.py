@@ -261,7 +261,11 @@ def _draw_bar(axes: Axes, inputs: MapPictureInput) -> None:
     palette = inputs.palette
     axes.imshow(np.linspace(1.0, 0.0, 256)[None], shades(palette), aspect="auto", extent=(0.0, 1.0, 0.0, 1.0))
     axes.set_title("log-likelihood below the best", color=palette.ink, fontsize=12, fontweight="normal")
-    ticks = {1.0 - shade: f"{value:.0e}" if value >= 1e4 else trimmed(value) for shade, value in inputs.map.marks}
+    words = {
+        value: f"{value:.0e}".replace("e+0", "e") if value >= 1e4 else trimmed(value)
+        for _, value in inputs.map.marks
+    }
+    ticks = {1.0 - shade: words[value] for shade, value in inputs.map.marks}
     step = math.ceil(len(ticks) / 9)
     axes.set_xticks(list(ticks)[::step], list(ticks.values())[::step])
     axes.set_yticks([])
