@@ -14,6 +14,7 @@ from waiting import wait_until
 from kalscope.sources.grammar.read_options import DEFAULTS
 from kalscope_app.dashboard import Dashboard
 from kalscope_app.open_command import first_state
+from kalscope_app.session.opening import later_answers, with_firsts
 from kalscope_app.session.session import History
 from kalscope_app.session.state import State
 
@@ -35,7 +36,7 @@ def connect(address: str) -> None:
 def serve(dashboard: Dashboard, address: str) -> None:
     """Answer each source with the id of an element that a page has once it shows it, until the next source."""
     server, gui = dashboard._server, dashboard._server.gui
-    first = first_state(SOURCE, DEFAULTS, None)
+    first = fitted_state(SOURCE)
     chosen = [(handle, choice_of(handle)) for handle in gui._gui_input_handle_from_uuid.values()]
     folders = gui._container_handle_from_uuid.values()
     mark: viser.GuiHtmlHandle | None = None
@@ -52,13 +53,21 @@ def serve(dashboard: Dashboard, address: str) -> None:
                     for name, value in values.items():
                         setattr(handle, name, value)
                 if source != SOURCE:
-                    show(dashboard, first_state(source, DEFAULTS, None))
+                    show(dashboard, fitted_state(source))
             except Exception as error:
                 tests.send(error)
                 continue
             mark = gui.add_html(f'<i id="reopened-{number}"></i>')
             server.flush()
             tests.send(f"reopened-{number}")
+
+
+def fitted_state(source: str) -> State:
+    """The state of `open SOURCE` once the first answers have come."""
+    state = first_state(source, DEFAULTS, None)
+    for firsts in later_answers(state):
+        state = with_firsts(state, firsts)
+    return state
 
 
 def choice_of(handle: Any) -> dict[str, object]:
