@@ -659,6 +659,10 @@ def as_it_was_left(state: State, tuning: Tuning) -> State:
         after = adapted(state, tuning)
     except BadSetting:  # the file has other channels now
         return state
+    # Older versions also kept filters that nobody had changed.
+    pairs = zip(settings.tunings, after.settings.tunings, strict=True)
+    tunings = tuple(now if kept.how == "starting values" else kept for now, kept in pairs)
+    after = after.with_settings(tunings=tunings)
     if (after.settings.tunings, after.settings.fusion) == (settings.tunings, settings.fusion):
         return state
     if state.channel != default_channel(state.recording):  # chosen on the command line

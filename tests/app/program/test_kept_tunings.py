@@ -9,7 +9,7 @@ from kalscope.tuning.tuning import ChannelTuning, Tuning
 from kalscope_app.dashboard import Dashboard
 from kalscope_app.program import user_settings
 from kalscope_app.program.user_settings import FOLDER_VARIABLE, KeptTunings
-from kalscope_app.session.changes import set_dark, set_text
+from kalscope_app.session.changes import as_it_was_left, set_dark, set_text
 from kalscope_app.session.opening import opened
 
 
@@ -43,3 +43,12 @@ def test_filters_are_written_once_for_each_change(tmp_path):
     for shown in (state, set_dark(True)(state), tuned, set_dark(True)(tuned), opened(open_source("demo"))):
         Dashboard._keep_tuning(screen, shown)
     assert [tuning.channels[0].q for tuning in written] == [state.tuning.q, 7.0]
+
+
+def test_a_file_opens_as_it_was_left_but_for_the_guess_of_an_older_version(tmp_path):
+    (tmp_path / "log.csv").write_text("t,a,b\n" + "".join(f"{i},{i % 7}.5,{i % 5}.25\n" for i in range(60)))
+    state = opened(open_source(str(tmp_path / "log.csv")))
+    guess = ChannelTuning("a", "", 7.0, 9.0, how="starting values")
+    chosen = ChannelTuning("b", "", 7.0, 9.0, how="by hand")
+    after = as_it_was_left(Tuning((guess, chosen), source=state.recording.source, sample_period=1.0))(state)
+    assert after.settings.tunings == (state.settings.tunings[0], chosen)
