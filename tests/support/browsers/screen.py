@@ -25,8 +25,11 @@ KNOWN_PAGE_ERRORS = (
 )
 """viser's splat sorter probes for eval and does without it; the guard's policy refuses it. Of both browsers."""
 
-FIND = """(label) => Object.values(window.__viserTestpoints?.uplots ?? {}).map(entry => entry.chart)
-    .find(chart => chart.series.some(series => series.label === label))"""
+FIND = """(label) => {
+    const charts = Object.values(window.__viserTestpoints?.uplots ?? {}).map(entry => entry.chart)
+        .filter(chart => chart.series.some(series => series.label === label));
+    return charts.find(chart => chart.scales.x.distr !== 3) ?? charts[0]; }"""
+"""The chart with a line of this label: that over time rather than the spectrum, which has the same labels."""
 
 FITS = """() => { const box = (one) => one.getBoundingClientRect(), map = box(document.querySelector('canvas'));
     const [left, right] = ['left', 'right'].map(edge => box(document.querySelector(`[data-dock-region=${edge}]`)));
