@@ -11,10 +11,14 @@ from screen import Screen, settings_in
 
 from kalscope_app.program.user_settings import UserSettings
 
-CLOSE_SECTIONS = """(closed) => {
-    for (const heading of document.querySelectorAll(':has(> .tabler-icon-chevron-up)'))
-        if (closed.includes(heading.textContent)) heading.click(); }"""
-"""Closes the sections of these names that are open; to be asked once, because a click more opens them again."""
+CLOSE_SECTION = """(closed) => {
+    const heading = [...document.querySelectorAll(':has(> .tabler-icon-chevron-up)')]
+        .find((heading) => closed.includes(heading.textContent));
+    if (!heading) return false;
+    document.getElementById(heading.closest('[role=tabpanel]')?.getAttribute('aria-labelledby'))?.click();
+    heading.click();
+    return true; }"""
+"""Closes a section of these names that is open; whether there was one. Only in a tab in sight does it close wholly."""
 
 ARE_CLOSED = """(closed) => [...document.querySelectorAll(':has(> .tabler-icon-chevron-down)')]
     .every((heading) => !closed.includes(heading.textContent) || !heading.nextElementSibling.checkVisibility())"""
@@ -48,8 +52,8 @@ class SharedPage(Screen):
         if isinstance(mark, Exception):
             raise mark
         self.wait("(mark) => !!document.getElementById(mark)", mark)
-        self.page.evaluate(CLOSE_SECTIONS, self._sections)
-        self.wait(ARE_CLOSED, self._sections)
+        while self.page.evaluate(CLOSE_SECTION, self._sections):
+            self.wait(ARE_CLOSED, self._sections)
         self.wait(NO_NOTIFICATION)
         for tab in self.page.query_selector_all("[data-dock-tab][aria-selected=false]:first-child"):
             tab.click()
