@@ -11,15 +11,6 @@ from screen import Screen, settings_in
 
 from kalscope_app.program.user_settings import UserSettings
 
-CLOSE_SECTION = """(closed) => {
-    const heading = [...document.querySelectorAll(':has(> .tabler-icon-chevron-up)')]
-        .find((heading) => closed.includes(heading.textContent));
-    if (!heading) return false;
-    document.getElementById(heading.closest('[role=tabpanel]')?.getAttribute('aria-labelledby'))?.click();
-    heading.click();
-    return true; }"""
-"""Closes a section of these names that is open; whether there was one. Only in a tab in sight does it close wholly."""
-
 ARE_CLOSED = """(closed) => [...document.querySelectorAll(':has(> .tabler-icon-chevron-down)')]
     .every((heading) => !closed.includes(heading.textContent) || !heading.nextElementSibling.checkVisibility())"""
 """Whether no section of these names is still closing: one that is opened meanwhile would stay empty."""
@@ -52,13 +43,23 @@ class SharedPage(Screen):
         if isinstance(mark, Exception):
             raise mark
         self.wait("(mark) => !!document.getElementById(mark)", mark)
-        while self.page.evaluate(CLOSE_SECTION, self._sections):
-            self.wait(ARE_CLOSED, self._sections)
+        self._close_sections()
         self.wait(NO_NOTIFICATION)
         for tab in self.page.query_selector_all("[data-dock-tab][aria-selected=false]:first-child"):
             tab.click()
         if self.page.evaluate(LEAVE):
             self.pause()  # what a text box sends as it is left must not swallow the first click of the test
+
+    def _close_sections(self):
+        """Close what a fresh page has closed, each in its tab: out of sight, its transition would never end."""
+        for heading in self.page.query_selector_all(":has(> .tabler-icon-chevron-up)"):
+            if heading.text_content() in self._sections:
+                for tab in self.page.query_selector_all("[data-dock-tab]"):
+                    if heading.is_visible():
+                        break
+                    tab.click()
+                heading.click()
+                self.wait(ARE_CLOSED, self._sections)
 
 
 @contextlib.contextmanager
