@@ -52,13 +52,13 @@ class SharedPage(Screen):
 
     def _close_sections(self):
         """Close what a fresh page has closed, each in its tab: out of sight, its transition would never end."""
-        for heading in self.page.query_selector_all(":has(> .tabler-icon-chevron-up)"):
+        for heading in reversed(self.page.query_selector_all(":has(> .tabler-icon-chevron-up)")):  # inner first
             if heading.text_content() in self._sections:
                 for tab in self.page.query_selector_all("[data-dock-tab]"):
                     if heading.is_visible():
                         break
                     tab.click()
-                heading.click()
+                heading.evaluate("(heading) => heading.click()")  # one that no tab shows now is closed too
                 self.wait(ARE_CLOSED, self._sections)
 
 
