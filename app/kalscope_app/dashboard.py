@@ -7,6 +7,7 @@ import gc
 import logging
 import threading
 from collections.abc import Callable, Collection
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -194,8 +195,9 @@ class Dashboard:
 
     def _keep_tuning(self, state: State) -> None:
         """Keep the filters of the file on screen for the next start, if they have changed."""
-        if state.live is None and state.settings is not self._written and Path(state.recording.source).is_file():
-            self._written = state.settings
+        kept = state.recording.source, state.tunings, state.fused
+        if state.live is None and kept != self._written and Path(state.recording.source).is_file():
+            self._written = kept
             self._kept.keep(state.as_tuning())
 
     def stop(self) -> None:
@@ -223,8 +225,8 @@ class Dashboard:
         self._server.flush()
         if Part.NUMBERS in parts:
             self._draw(frame, self._phones.show)
-        if frame.state.answers.note != self._note:
-            self._note = frame.state.answers.note
+        if frame.state.note != self._note:
+            self._note = frame.state.note
             if self._note:
                 self.notifications.tell(self._note, good=True)
 
@@ -295,5 +297,6 @@ class Dashboard:
 def only_grown(last: Frame, frame: Frame) -> bool:
     """Whether a live record has new samples and nothing else is new, not even a request that was refused."""
     old, new = last.state, frame.state
-    same = old.settings is new.settings and old.view is new.view and old.answers is new.answers
+    others = {one.name for one in fields(State)} - {"recording", "live"}
+    same = all(getattr(old, name) is getattr(new, name) for name in others)
     return same and last.serial == frame.serial and old.live is not None and new.live is not None

@@ -10,6 +10,7 @@ import tempfile
 import threading
 import webbrowser
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -164,7 +165,7 @@ def first_state(
         return recorded_state(source, options, config, sample_period)
     board = LiveSource(source, options)
     state = opened_live(board, board.spec.url, tuning=None if config is None else load_tuning(config))
-    return state.with_open(options=options)
+    return replace(state, options=options)
 
 
 def followed(source: str) -> str:
@@ -186,7 +187,7 @@ def recorded_state(source: str, options: ReadOptions, config: Path | None, sampl
     from kalscope.errors import BadSetting
     from kalscope.tuning.file import load_tuning
     from kalscope_app.program.user_settings import KeptTunings
-    from kalscope_app.session.opening import opened_experiment, opened_raw, opened_with
+    from kalscope_app.session.opening import adapted, opened_experiment, opened_raw
 
     if source.startswith("experiment:") and config is None:
         return opened_experiment(source)
@@ -194,7 +195,7 @@ def recorded_state(source: str, options: ReadOptions, config: Path | None, sampl
         state = opened_raw(open_source(source or "demo", options, sample_period=sample_period))
         last = "" if source else one_line(Path(KeptTunings().last()).name)[:80]
         note = f"{last} was open last: Open this path, in the Source tab, brings it back." if last else ""
-        return state.with_open(options=options, typed_period=sample_period).with_answers(note=note)
+        return replace(state, options=options, typed_period=sample_period, note=note)
     tuning = load_tuning(config)
     spec = source or tuning.source
     if not spec:
@@ -202,5 +203,5 @@ def recorded_state(source: str, options: ReadOptions, config: Path | None, sampl
             f"SOURCE must be given, because {config} was made from an uploaded file (got only --config): "
             f"kalscope open {tuning.source_name or 'FILE'} --config {config}"
         )
-    state = opened_with(open_source(spec, options, sample_period=sample_period), tuning)
-    return state.with_open(options=options, typed_period=sample_period or state.open.typed_period)
+    state = adapted(opened_raw(open_source(spec, options, sample_period=sample_period)), tuning)
+    return replace(state, options=options, typed_period=sample_period or state.typed_period)

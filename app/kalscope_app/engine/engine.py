@@ -105,7 +105,7 @@ def is_move(before: State, after: State) -> bool:
 def _what_is_drawn(state: State) -> tuple[object, ...]:
     momentum = state.uses_parameters and state.tuning.momentum > 0.0
     shown = state.record_key, state.measured, state.board, state.variants, state.view
-    return *shown, state.is_standard, state.tuning.chain, momentum, state.answers.note
+    return *shown, state.is_standard, state.tuning.chain, momentum, state.note
 
 
 # Idle-time computations: checks, map, spectra.
@@ -116,22 +116,13 @@ def _what_is_drawn(state: State) -> tuple[object, ...]:
 
 
 IDLE_DELAY = 0.2
-"""Seconds without a new state after which the studies are computed, at least."""
+"""Seconds without a new state after which the studies are computed, at least; else as long as the longest took.
+
+A study that has begun is not interrupted: on a long record it would slow down the next key press of a user who
+steps through values."""
 
 MAX_IDLE_DELAY = 1.0
 """And at most."""
-
-
-def idle_delay(longest: float) -> float:
-    """Seconds without a new state to wait for before a round of studies.
-
-    A study that has begun is not interrupted: on a long record it would slow down the next key press of a user who
-    steps through values.
-
-    Args:
-        longest: seconds that the longest study of the last round took.
-    """
-    return min(max(IDLE_DELAY, longest), MAX_IDLE_DELAY)
 
 
 @dataclass(frozen=True)
@@ -167,9 +158,8 @@ class Studies:
         while True:
             self._news.wait()
             self._news.clear()
-            if self._news.wait(timeout=idle_delay(self._longest)):
-                continue
-            if self._state is not None:
+            delay = min(max(IDLE_DELAY, self._longest), MAX_IDLE_DELAY)
+            if not self._news.wait(timeout=delay) and self._state is not None:
                 self._round(self._state)
 
     def _round(self, state: State) -> None:
@@ -253,7 +243,7 @@ class Engine:
         self._runs, self._facts = FilterRuns(), Cache[Facts]()
         self._frame: Frame | None = None
         self._schedule = Schedule()
-        self._begun = self._frame_at = self._news_at = self._looked_at = self._study_at = -math.inf
+        self._begun = self._frame_at = self._news_at = self._study_at = -math.inf
         self.first_frame = threading.Event()
         """Set once the first frame is drawn, or has failed: browsers wait for it."""
 
@@ -322,11 +312,10 @@ class Engine:
         """Whether its frame would differ from the last one; a wake-up for a live record may bring nothing new."""
         last, now = self._frame, time.monotonic()
         if last is None or state is not last.state or serial != last.serial or state.live is None:
-            self._news_at = self._looked_at = now
+            self._news_at = now
             return True
-        if now - self._looked_at < STATUS_INTERVAL:
+        if now - self._frame_at < STATUS_INTERVAL:
             return False
-        self._looked_at = now
         return now - self._news_at < SETTLING or self._session.connection() != last.connection
 
     def _draw(self, state: State, serial: int) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Collection
 from dataclasses import replace
 from functools import partial
@@ -25,6 +26,7 @@ from kalscope_app.session.opening import adapted, with_first_answer, with_sample
 from kalscope_app.session.state import (
     LINKS,
     MAX_SENSORS,
+    MAX_VARIANTS,
     MIN_SENSORS,
     ORDERS,
     Change,
@@ -33,7 +35,6 @@ from kalscope_app.session.state import (
     Outcome,
     State,
     Variant,
-    pinned,
     requested,
 )
 
@@ -83,26 +84,38 @@ def set_point(state: State, q_exponent: float, r_exponent: float) -> State:
     return state if (q, r) == (state.tuning.q, state.tuning.r) else state.with_tuning(q=q, r=r, how="by hand")
 
 
+NOTHING = {"p0": None, "x0": None, "gate": None, "momentum": 0.0}
+"""The parameters that may be left out, and their values then."""
+
+WORDS_OF_NOTHING = ("", "automatic", "diffuse", "first", "off", "none")
+"""What a user may type for them."""
+
+
+def typed_value(name: str, text: str) -> float | None:
+    """The value of a parameter that a user typed; BadSetting where it is no number and no word for none."""
+    nothing = name in NOTHING and text.strip().lower() in WORDS_OF_NOTHING
+    return NOTHING[name] if nothing else typed_number(name, text)
+
+
 @requested
 def set_text(state: State, name: str, text: str) -> State:
-    """An exact value was typed: q, r, p0 (or "", "diffuse": automatic), x0 (or "": the first sample), gate in σ."""
-    if name == "x0" and text.strip().lower() in ("", "first"):
-        return state.with_tuning(x0=None)
-    if name == "p0" and text.strip().lower() in ("", "automatic", "diffuse"):
-        return set_automatic_start(True)(state)
+    """An exact value was typed: a number, or a word for none; the gate in σ, a momentum also as a time."""
     if name == "gate":
         return state.with_tuning(gate=typed_gate(text))
-    value = typed_number(name, text)
+    is_momentum = name == "momentum"
+    value = typed_momentum(text, state.recording.sample_period) if is_momentum else typed_value(name, text)
     if getattr(state.tuning, name) == value:
         return state
+    if name == "p0" and value is None:
+        return set_automatic_start(True)(state)
     if name == "x0" and state.tuning.p0 is None:
         return state.with_tuning(x0=value, p0=state.tuning.r)
     return _by_hand(state, name, value)
 
 
-def _by_hand(state: State, name: str, value: float) -> State:
+def _by_hand(state: State, name: str, value: float | None) -> State:
     """One parameter set by hand; only q, r and the momentum have a history that this ends."""
-    how = "by hand" if name in ("q", "r") else state.tuning.how
+    how = "by hand" if name in ("q", "r", "momentum") else state.tuning.how
     return state.with_tuning(**{name: value}, how=how)
 
 
@@ -118,41 +131,34 @@ def reset_parameters(state: State) -> State:
     """Back to the starting values of the channel, or to those of the fused sensors."""
     if state.fusion is not None:
         return state.with_fusion(replace(state.fusion, tuning=state.fusion.start, dropped=frozenset()))
-    start = state.start
-    values = {name: getattr(start, name) for name in (*PARAMETERS, "how")}
-    return state.with_tuning(**values)
+    return state.with_tuning_of(state.index, state.start)
 
 
 @requested
 def apply_found(state: State, recording: Recording, channel: str, found: FitResult) -> State:
     """A search has ended: its q, r, momentum and gate become the channel's, if the channel is still there."""
     if not state.continues(recording):
-        note = "The search ended after another recording was opened; nothing was changed."
-        return state.with_answers(note=note)
-    at = recording.index(channel)
-    before = state.settings.tunings[at]
-    if found.params is None:
-        return state.with_answers(
-            outcome=Outcome(found.how, found.message, before, None, found.estimate, found.request)
-        )
-    q, r, momentum = (float(value) for value in (found.params.q, found.params.r, found.params.momentum))
-    last = state.answers.outcome
-    by_hand = before not in (last and last.after, *(one.after for one in state.settings.firsts))
+        return replace(state, note="The search ended after another recording was opened; nothing was changed.")
+    at, params = recording.index(channel), found.params
+    before = state.tunings[at]
+    outcome = Outcome(found.how, found.message, before, None, found.estimate, found.request)
+    if params is None:
+        return replace(state, searched=outcome)
+    by_hand = before not in (state.searched and state.searched.after, *(one.after for one in state.firsts))
     kept = before if by_hand else replace(before, gate=None, p0=None, x0=None)
-    gate = kept.gate if found.params.gate is None else found.params.gate
-    start = {} if found.params.p0 is None else {"p0": found.params.p0, "x0": found.params.x0}
-    values = {"q": q, "r": r, "momentum": momentum, "gate": gate, **start}
+    values = {name: float(getattr(params, name)) for name in ("q", "r", "momentum")}
+    values |= {} if params.gate is None else {"gate": params.gate}
+    values |= {} if params.p0 is None else {"p0": params.p0, "x0": params.x0}
     after = replace(kept, **values, how=found.how, chain=None, paper=None)
-    answer = Outcome(found.how, found.message, before, after, found.estimate, found.request)
-    outcome = answer if channel == state.channel else None
-    return state.with_tuning_of(at, after).with_answers(outcome=outcome)
+    searched = replace(outcome, after=after) if channel == state.channel else None
+    return replace(state.with_tuning_of(at, after), searched=searched)
 
 
 @requested
 def set_sample_period(state: State, text: str) -> State:
     """The time between two samples was typed, s; an empty box is what the recording says."""
     period = typed_number("sample period", text) if text.strip() else None
-    return state if period == state.open.typed_period else with_sample_period(state, period)
+    return state if period == state.typed_period else with_sample_period(state, period)
 
 
 # Changes of the momentum τ of the channel on screen: by its slider, or typed in samples or as a time.
@@ -165,8 +171,6 @@ MAX_POSITION = 5.0
 
 OFF = "off"
 """The text for no momentum."""
-
-_SAMPLES = (" samples", " sample")
 
 
 def slider_position(momentum: float) -> float:
@@ -183,13 +187,8 @@ def momentum_at(position: float) -> float:
 @requested
 def set_momentum_position(state: State, position: float) -> State:
     """The slider was moved."""
-    return with_momentum(state, momentum_at(position)) if math.isfinite(position) else state
-
-
-@requested
-def set_momentum_text(state: State, _name: str, text: str) -> State:
-    """A momentum was typed: samples, or a time such as 240 ms; empty or "off" is none."""
-    return with_momentum(state, typed_momentum(text, state.recording.sample_period))
+    momentum = momentum_at(position) if math.isfinite(position) else state.tuning.momentum
+    return state if momentum == state.tuning.momentum else _by_hand(state, "momentum", momentum)
 
 
 def typed_momentum(text: str, period: float | None) -> float:
@@ -198,29 +197,19 @@ def typed_momentum(text: str, period: float | None) -> float:
     Raises:
         BadSetting: it is not a number, or it is a time and the sample period is not known.
     """
-    bare = text.strip().lower()
-    if bare in ("", OFF, "none"):
-        return 0.0
-    for word in _SAMPLES:
-        bare = bare.removesuffix(word)
-    unit = next(((word, length) for word, length in TIME_UNITS if bare.endswith(word)), None)
-    if unit is None:
-        return typed_number("momentum", bare)
+    bare = re.sub(r" samples?$", "", text.strip().lower())
+    unit, length = next((one for one in TIME_UNITS if bare.endswith(one[0])), ("", 0.0))
+    if not unit:
+        return typed_value("momentum", bare) or 0.0
     if period is None:
         raise BadSetting(f"momentum must be in samples while the sample period is not known (got {text[:40]!r})")
-    word, length = unit
-    return typed_number("momentum", bare.removesuffix(word)) * length / period
-
-
-def with_momentum(state: State, momentum: float) -> State:
-    """The state with another momentum for the channel on screen; raises what FilterParams raises."""
-    return state if momentum == state.tuning.momentum else state.with_tuning(momentum=momentum, how="by hand")
+    return typed_number("momentum", bare.removesuffix(unit)) * length / period
 
 
 def add_momentum(state: State) -> State:
     """Begin with a momentum as long as the lag, to two digits; a slider can then find a better one."""
     lag = steady_state(state.tuning.params).lag_samples
-    return with_momentum(state, float(f"{min(max(lag, 1.0), MAX_MOMENTUM):.1e}"))
+    return _by_hand(state, "momentum", float(f"{min(max(lag, 1.0), MAX_MOMENTUM):.1e}"))
 
 
 def momentum_words(momentum: float, period: float | None) -> str:
@@ -248,7 +237,7 @@ def use_chain(state: State, chain: Chain) -> State:
         return state
     after = state.with_standard_filter().with_tuning(chain=chain)
     words = f"{chain.words[:1].upper()}{chain.words[1:]}"
-    return after.with_answers(note=f"{words} runs now; Undo reverts it.")
+    return replace(after, note=f"{words} runs now; Undo reverts it.")
 
 
 def use_kalman_filter(state: State) -> State:
@@ -275,15 +264,14 @@ def set_median(state: State, words: str) -> State:
 @requested
 def select_channel(state: State, name: str) -> State:
     """Show another channel, with its own parameters, or the fused value."""
-    fusion = state.settings.fusion
-    fused = fusion is not None and name == fusion.tuning.name
+    fused = state.fused is not None and name == state.fused.tuning.name
     if not fused:
         state.recording.index(name)
-    if fused is (state.fusion is not None) and (fused or name == state.channel):
+    if fused is state.shows_fused and (fused or name == state.channel):
         return state
-    state = state.with_open(channel=state.channel if fused else name, fused=fused).with_reset_view()
-    state = state if fused else with_first_answer(state)
-    return state.with_answers(outcome=None, note="")
+    channel = state.channel if fused else name
+    state = replace(state.with_reset_view(), channel=channel, shows_fused=fused, searched=None, note="")
+    return state if fused else with_first_answer(state)
 
 
 def channel_named(recording: Recording, text: str) -> str:
@@ -299,8 +287,8 @@ def set_link(state: State, link: str) -> State:
     """Tune this channel alone or all together; all then take the present one's setting at once."""
     if link not in LINKS:
         raise BadSetting(f"the way of tuning channels must be one of {', '.join(LINKS)} (got {link[:40]!r})")
-    own = state.settings.tunings[state.index]  # not the fused value, which may be on screen
-    return state.with_settings(link=link).with_tuning_of(state.index, own).with_answers(note="")
+    own = state.tunings[state.index]  # not the fused value, which may be on screen
+    return replace(state, link=link).with_tuning_of(state.index, own)
 
 
 @requested
@@ -308,7 +296,7 @@ def set_board_channel(state: State, name: str | None) -> State:
     """Say which channel is the board's own filtered curve; None: there is none."""
     if name is not None:
         state.recording.index(name)
-    return state if name == state.board else state.with_open(board_choice=name)
+    return state if name == state.board else replace(state, board_choice=name)
 
 
 # Changes of the fused filter: sensors are fused, one drops out, its noise or its offset changes.
@@ -319,7 +307,7 @@ def candidates(state: State) -> tuple[str, ...]:
 
     Of too many the first ones and the one on screen; sensors that are already fused are always included.
     """
-    recording, fusion = state.recording, state.settings.fusion
+    recording, fusion = state.recording, state.fused
     unit = recording.units[state.index] if fusion is None else fusion.tuning.unit
     alike = [name for name, of in zip(recording.names, recording.units, strict=True) if of == unit]
     filtered = {f"{name}_filtered" for name in alike}
@@ -364,8 +352,9 @@ def apply_fusion(
 ) -> State:
     """Sensors are fused: their filter is on screen, if their recording still is."""
     if not state.continues(recording):
-        note = "The sensors were fused after another recording was opened; nothing was changed."
-        return state.with_answers(note=note)
+        return replace(
+            state, note="The sensors were fused after another recording was opened; nothing was changed."
+        )
     unit = recording.units[recording.index(sensors[0])]
     tuning = ChannelTuning.of_params(name_of_fused(recording), unit, params, how, sensors)
     return state.with_fusion(Fusion(tuning, tuning, estimate=estimate)).with_reset_view()
@@ -373,34 +362,43 @@ def apply_fusion(
 
 def stop_fusing(state: State) -> State:
     """The channel's own filter again; Undo brings the fused one back."""
-    return state if state.settings.fusion is None else state.with_fusion(None).with_reset_view()
+    return state if state.fused is None else state.with_fusion(None).with_reset_view()
 
 
 @requested
 def set_taking_part(state: State, sensor: str, takes_part: bool) -> State:
-    """A sensor drops out, or is taken in again."""
-    fusion = _of(state, sensor)
-    return state if fusion is None else state.with_fusion(fusion.with_taking_part(sensor, bool(takes_part)))
+    """A sensor drops out, or is taken in again; BadSetting for the last one."""
+    fusion = _fusion_of(state, sensor)
+    if fusion is None:
+        return state
+    dropped = fusion.dropped - {sensor} if takes_part else fusion.dropped | {sensor}
+    if len(dropped) == len(fusion.tuning.sensors):
+        raise BadSetting(f"at least one sensor must take part (got {sensor[:40]!r}, the last one, dropped out)")
+    return state.with_fusion(replace(fusion, dropped=dropped))
 
 
 @requested
 def set_sensor_exponent(state: State, sensor: str, exponent: float) -> State:
     """The slider of a sensor's noise was moved: its r becomes 10^exponent, to three digits."""
-    fusion = _of(state, sensor)
+    fusion = _fusion_of(state, sensor)
     if fusion is None or not math.isfinite(exponent):
         return state
     low, high = sensor_limits(fusion, sensor)
-    return _with(state, fusion, sensor, "r", _rounded(10.0 ** min(max(exponent, low), high)))
+    return set_sensor_text(sensor, "r", str(_rounded(10.0 ** min(max(exponent, low), high))))(state)
 
 
 @requested
 def set_sensor_text(state: State, sensor: str, name: str, text: str) -> State:
     """An exact r or offset of a sensor was typed."""
-    fusion = _of(state, sensor)
+    fusion = _fusion_of(state, sensor)
     if fusion is None:
         return state
     value = 0.0 if name == "offset" and not text.strip() else typed_number(f"{name} of {sensor[:40]}", text)
-    return _with(state, fusion, sensor, name, value)
+    each = dict(zip(fusion.tuning.sensors, getattr(fusion.tuning, name), strict=True))
+    if each[sensor] == value:
+        return state
+    values = {name: tuple((each | {sensor: value}).values())}
+    return state.with_fusion(replace(fusion, tuning=replace(fusion.tuning, **values, how="by hand")))
 
 
 def sensor_limits(fusion: Fusion, sensor: str) -> tuple[int, int]:
@@ -409,17 +407,9 @@ def sensor_limits(fusion: Fusion, sensor: str) -> tuple[int, int]:
     return _limits("r", fusion.start.r[at], fusion.tuning.r[at])
 
 
-def _of(state: State, sensor: str) -> Fusion | None:
+def _fusion_of(state: State, sensor: str) -> Fusion | None:
     """The fused filter, if it has this sensor."""
-    fusion = state.settings.fusion
-    return fusion if fusion is not None and sensor in fusion.tuning.sensors else None
-
-
-def _with(state: State, fusion: Fusion, sensor: str, name: str, value: float) -> State:
-    at = fusion.tuning.sensors.index(sensor)
-    if getattr(fusion.tuning, name)[at] == value:
-        return state
-    return state.with_fusion(fusion.with_sensor(sensor, **{name: value}))
+    return state.fused if state.fused and sensor in state.fused.tuning.sensors else None
 
 
 # Changes of the open fleet, and the step from one of its devices to the recording on screen.
@@ -466,44 +456,42 @@ def at_device(state: State, fleet: Fleet, i: int) -> State:
     name = one_line(fleet.devices.name(i))[:80]
     shared = fleet.shared is not None and state.fleet is not None and state.fleet.at_shared
     if not shared and fleet.devices.reasons[i]:
-        return state.with_answers(note=f"{name} has no q and r: {one_line(fleet.devices.reasons[i])[:200]}.")
+        return replace(state, note=f"{name} has no q and r: {one_line(fleet.devices.reasons[i])[:200]}.")
     after = adapted(state, device_tuning(fleet, i, shared=shared))
     which = "the filter for all" if shared else "its own filter"
-    return after.with_answers(note=f"{name} at {which}. {after.answers.note}".strip())
+    return replace(after, note=f"{name} at {which}. {after.note}".strip())
 
 
 # Changes of the pinned settings.
 
 
-PARAMETERS = ("q", "r", "momentum", "p0", "x0", "gate", "chain")
-"""What a setting consists of."""
-
-
 def pin_present(state: State) -> State:
-    """Keep the present setting of the channel on screen as a variant, under the first free letter."""
+    """Keep the present setting of the channel on screen as a variant, under the first letter that is free."""
     state.require_one_channel()
     if state.tuning.paper is not None:
         raise BadSetting("the Khan et al. filter has no q and r, so it cannot be pinned")
     same = next((one for one in state.variants if one.tuning.filter == state.filter), None)
     if same is not None:
         raise BadSetting(f"this setting is pinned already, as {same.name}")
-    pin = pinned(state.tuning, state.variants)
-    return state.with_settings(pins=(*state.settings.pins, pin)).with_answers(note="")
+    free = set(range(MAX_VARIANTS)) - {one.number for one in state.variants}
+    if not free:
+        raise BadSetting(
+            f"a channel must have at most {MAX_VARIANTS} pinned settings: delete one first (got {MAX_VARIANTS})"
+        )
+    return replace(state, pins=(*state.pins, Variant(min(free), state.tuning)), note="")
 
 
 @requested
 def use_variant(state: State, name: str) -> State:
     """The present setting becomes that of a variant."""
-    tuning = _variant(state, name).tuning
-    values = {key: getattr(tuning, key) for key in PARAMETERS}
-    return state.with_standard_filter().with_tuning(**values, how=tuning.how)
+    return state.with_tuning_of(state.index, _variant(state, name).tuning)
 
 
 @requested
 def delete_variant(state: State, name: str) -> State:
     """Forget a variant; its letter and colour are free again."""
     gone = _variant(state, name)
-    return state.with_settings(pins=tuple(one for one in state.settings.pins if one is not gone))
+    return replace(state, pins=tuple(one for one in state.pins if one is not gone))
 
 
 def _variant(state: State, name: str) -> Variant:
@@ -529,9 +517,8 @@ def set_window(state: State, first: float, last: float) -> State:
     if high - low < shortest:
         low, high = max(begin, min(low, end - shortest)), min(end, max(high, low + shortest))
     window = None if low <= begin and high >= end else (low, high)
-    live = replace(state.live, following=False) if state.live else None  # the user looks back
-    same = window == state.view.window and live == state.live
-    return state if same else replace(state.with_view(window=window), live=live)
+    after = state.with_view(window=window).with_live(following=False)  # the user looks back
+    return state if (after.view, after.live) == (state.view, state.live) else after
 
 
 def reset_view(state: State) -> State:
@@ -564,9 +551,6 @@ def set_search_method(state: State, method: str, methods: Collection[str]) -> St
     return state.with_view(search_method=method)
 
 
-# Settings to begin with, each with a reason of one line: by lag, and those of two source documents. Pure.
-
-
 # Changes that a piece of advice asks for, where no search is needed.
 
 
@@ -580,34 +564,28 @@ def change_for(state: State, action: actions.Action, judged: State) -> State:
 
     The values are those of the judged filter, so that two clicks do no more than one.
     """
-    return _applied(action, state, judged) if is_same_signal(state, judged) else state
+    if not is_same_signal(state, judged):
+        return state
+    q, r, how = judged.tuning.q, judged.tuning.r, judged.tuning.how
+    match action:
+        case actions.Scale(q_factor, r_factor):
+            keeps_goal = q_factor == r_factor and request_in(how, r) is not None  # q/r stays, and so does a goal
+            how = how if keeps_goal else "by hand"
+            return state.with_tuning(q=_rounded(q * q_factor), r=_rounded(r * r_factor), how=how)
+        case actions.SetGate(sigma):
+            return state.with_tuning(gate=None if sigma is None else sigma * sigma)
+        case actions.UnsetStart():
+            return set_automatic_start(True)(state)
+        case actions.GiveNoise() | actions.ChooseFilter():
+            is_noise = isinstance(action, actions.GiveNoise)
+            return state.with_view(search_method=FOR_NOISE if is_noise else FOR_LAG)
+        case _:
+            return state
 
 
 def is_same_signal(state: State, judged: State) -> bool:
     """Whether the channel that was judged is still on screen."""
     return state.continues(judged.recording) and state.channel == judged.channel
-
-
-def _applied(action: actions.Action, state: State, judged: State) -> State:
-    q, r = judged.tuning.q, judged.tuning.r
-    match action:
-        case actions.Scale(q_factor, r_factor):
-            chosen = (
-                q_factor == r_factor and request_in(judged.tuning.how, r) is not None
-            )  # q/r stays, and so does a goal
-            how = judged.tuning.how if chosen else "by hand"
-            state = state.with_tuning(q=_rounded(q * q_factor), r=_rounded(r * r_factor), how=how)
-        case actions.SetGate(sigma):
-            state = state.with_tuning(gate=None if sigma is None else sigma * sigma)
-        case actions.UnsetStart():
-            state = set_automatic_start(True)(state)
-        case actions.GiveNoise():
-            state = state.with_view(search_method=FOR_NOISE)
-        case actions.ChooseFilter():
-            state = state.with_view(search_method=FOR_LAG)
-        case _:
-            pass
-    return state
 
 
 def _rounded(value: float) -> float:
@@ -645,27 +623,23 @@ def uploaded_settings(name: str, content: bytes) -> Tuning:
 def use_settings(state: State, tuning: Tuning, name: str) -> State:
     """The values of a file, called `name`, become those of the channels of the same names; one undoable change."""
     after = adapted(state, tuning)
-    note = f"Loaded {one_line(name)[:80]}. {after.answers.note}".strip()
-    return after.with_answers(note=note)
+    return replace(after, note=f"Loaded {one_line(name)[:80]}. {after.note}".strip())
 
 
 @requested
 def as_it_was_left(state: State, tuning: Tuning) -> State:
     """The filters that this file had when it was last open, unless others than the starting values are set now."""
-    settings = state.settings
-    if state.recording.source != tuning.source or settings.tunings != settings.starts:
+    if state.recording.source != tuning.source or state.tunings != state.starts:
         return state
     try:
         after = adapted(state, tuning)
     except BadSetting:  # the file has other channels now
         return state
     # Older versions also kept filters that nobody had changed.
-    pairs = zip(settings.tunings, after.settings.tunings, strict=True)
+    pairs = zip(state.tunings, after.tunings, strict=True)
     tunings = tuple(now if kept.how == "starting values" else kept for now, kept in pairs)
-    after = after.with_settings(tunings=tunings)
-    if (after.settings.tunings, after.settings.fusion) == (settings.tunings, settings.fusion):
+    if (tunings, after.fused) == (state.tunings, state.fused):
         return state
-    if state.channel != default_channel(state.recording):  # chosen on the command line
-        after = after.with_open(channel=state.channel)
-    note = f"The filter is as you left it: Undo gives the starting values. {after.answers.note}".strip()
-    return after.with_answers(note=note)
+    chosen = state.channel != default_channel(state.recording)  # on the command line
+    note = f"The filter is as you left it: Undo gives the starting values. {after.note}".strip()
+    return replace(after, tunings=tunings, channel=state.channel if chosen else after.channel, note=note)

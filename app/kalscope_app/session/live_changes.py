@@ -16,20 +16,12 @@ from kalscope.recording import Recording
 from kalscope.sources.live.samples import Snapshot
 from kalscope.sources.live.source import LiveSource
 from kalscope.tuning.tuning import Tuning
-from kalscope_app.session.changes import channel_named, select_channel
 from kalscope_app.session.opening import MOST_CHANNELS, adapted, first_answer, not_fitted, opened, with_first_answer
-from kalscope_app.session.state import BoardCalibration, Change, Live, Sent, Setting, State, requested
+from kalscope_app.session.state import BoardCalibration, Change, Live, Sent, State, requested
 
 SPANS = {
-    "1 s": 1.0,
-    "2 s": 2.0,
-    "5 s": 5.0,
-    "10 s": 10.0,
-    "30 s": 30.0,
-    "1 min": 60.0,
-    "2 min": 120.0,
-    "5 min": 300.0,
-    "10 min": 600.0,
+    **{f"{seconds} s": float(seconds) for seconds in (1, 2, 5, 10, 30)},
+    **{f"{minutes} min": 60.0 * minutes for minutes in (1, 2, 5, 10)},
     "all": math.inf,
 }
 """Lengths of the window that follows the newest sample, s."""
@@ -57,12 +49,9 @@ def opened_live(board: LiveSource, title: str, before: State | None = None, tuni
         tuning: values to begin with, for the channels of the same names; None = measured on the first samples.
     """
     live = Live(board, deferred=() if tuning is None else (lambda state: adapted(state, tuning),))
-    return replace(opened(waiting(title), before).with_answers(note=""), live=live)
-
-
-def waiting(title: str) -> Recording:
-    """What is on screen until a board has sent something: two missing samples."""
-    return Recording(np.arange(2.0), ("signal",), ("",), np.full((2, 1), np.nan), None, title=title)
+    # Until it has sent something, two missing samples are on screen.
+    waiting = Recording(np.arange(2.0), ("signal",), ("",), np.full((2, 1), np.nan), None, title=title)
+    return replace(opened(waiting, before), note="", live=live)
 
 
 def when_settled(state: State, change: Change) -> State:
@@ -70,17 +59,7 @@ def when_settled(state: State, change: Change) -> State:
     live = state.live
     if live is None or live.settled:
         return change(state)
-    return replace(state, live=replace(live, deferred=(*live.deferred, change)))
-
-
-def with_setting(state: State, channel: str | None, values: Setting) -> State:
-    """The state at the channel and the parameters of the command line; None and {} change nothing."""
-    if channel is not None:
-        state = select_channel(channel_named(state.recording, channel))(state)
-    if not values:
-        return state
-    state = state.with_standard_filter() if state.tuning.paper is not None else state
-    return state.with_tuning(**values, how="command line")
+    return state.with_live(deferred=(*live.deferred, change))
 
 
 def _apply_deferred(state: State) -> State:
@@ -88,14 +67,14 @@ def _apply_deferred(state: State) -> State:
     live, notes = state.live, list[str]()
     if live is None or not live.settled or not live.deferred:
         return state
-    state = replace(state, live=replace(live, deferred=()))
+    state = state.with_live(deferred=())
     for change in live.deferred:
         try:
             state = change(state)
-            notes += filter(None, [state.answers.note])
+            notes += filter(None, [state.note])
         except BadSetting as error:
             notes.append(f"Ignored command-line option: {error}.")
-    return state.with_answers(note=" ".join(notes)).with_reset_view()
+    return replace(state.with_reset_view(), note=" ".join(notes))
 
 
 def refreshed(state: State, snapshot: Snapshot | None) -> State:
@@ -108,8 +87,7 @@ def refreshed(state: State, snapshot: Snapshot | None) -> State:
         return state
     if last is None or last.generation != snapshot.generation or not live.settled:
         state = _begun(state, snapshot)
-    grown = replace(state.live or live, snapshot=snapshot)
-    return replace(state.with_open(recording=snapshot.recording), live=grown)
+    return replace(state, recording=snapshot.recording).with_live(snapshot=snapshot)
 
 
 def _begun(state: State, snapshot: Snapshot) -> State:
@@ -125,19 +103,15 @@ def _begun(state: State, snapshot: Snapshot) -> State:
         for i, (first, name) in enumerate(zip(firsts, recording.names, strict=True))
     )
     fresh = with_first_answer(opened(head, state, found))
-    live = replace(state.live, settled=settled) if state.live else None
-    last = state.live.snapshot if state.live else None
-    before = () if last is None else last.recording.names
-    if last is not None and (
-        last.generation == snapshot.generation or before == recording.names[: len(before)] != recording.names
-    ):
-        fresh = fresh.with_answers(note=state.answers.note)
-    if fresh.recording.names == state.recording.names:
+    last, now = state.live and state.live.snapshot, recording.names
+    before = last.recording.names if last else ()
+    if last is not None and (last.generation == snapshot.generation or before == now[: len(before)] != now):
+        fresh = replace(fresh, note=state.note)
+    if now == state.recording.names:
         fresh = fresh.with_view(resets=state.view.resets)
-    choice = state.open.board_choice
-    choice = choice if choice in (*fresh.recording.names, None) else fresh.open.board_choice
-    fresh = fresh.with_open(board_choice=choice, options=state.open.options)
-    return _apply_deferred(replace(fresh, live=live))
+    choice = state.board_choice if state.board_choice in (*now, None) else fresh.board_choice
+    fresh = replace(fresh, board_choice=choice, options=state.options, live=state.live)
+    return _apply_deferred(fresh.with_live(settled=settled))
 
 
 def without_samples(state: State) -> State:
@@ -146,16 +120,16 @@ def without_samples(state: State) -> State:
         return state
     few = _part(state.recording, 0, 2)
     stub = replace(few, time=few.time.copy(), values=few.values.copy())  # a view would keep the whole array
-    return replace(state.with_open(recording=stub), live=replace(state.live, snapshot=None, paused=False))
+    return replace(state, recording=stub).with_live(snapshot=None, paused=False)
 
 
 def with_current_samples(kept: State, present: State) -> State:
     """A state from the history with the samples on screen, if it is the same board."""
     if kept.live is None or present.live is None or present.live.board is not kept.live.board:
         return kept
-    if tuple(tuning.name for tuning in kept.settings.tunings) != present.recording.names:
+    if tuple(tuning.name for tuning in kept.tunings) != present.recording.names:
         return kept
-    return replace(kept.with_open(recording=present.recording), live=present.live)
+    return replace(kept, recording=present.recording, live=present.live)
 
 
 def studied(state: State) -> State:
@@ -163,7 +137,7 @@ def studied(state: State) -> State:
     n = len(state.recording)
     if state.live is None or n <= MAX_STUDIED:
         return state
-    return state.with_open(recording=_part(state.recording, n - MAX_STUDIED, n))
+    return replace(state, recording=_part(state.recording, n - MAX_STUDIED, n))
 
 
 def live_window(state: State) -> tuple[float, float] | None:
@@ -182,16 +156,13 @@ def _part(recording: Recording, first: int, last: int) -> Recording:
 
 def follow(state: State) -> State:
     """The Live button: continue, at the newest sample."""
-    if state.live is None:
-        return state
-    live = replace(state.live, following=True, paused=False)
-    return replace(state, live=live).with_reset_view(window=None)
+    return state.with_live(following=True, paused=False).with_reset_view(window=None) if state.live else state
 
 
 @requested
 def set_paused(state: State, paused: bool) -> State:
     """Freeze the screen, or continue; samples arrive in either case."""
-    return state if state.live is None else replace(state, live=replace(state.live, paused=bool(paused)))
+    return state.with_live(paused=bool(paused))
 
 
 @requested
@@ -199,17 +170,15 @@ def set_span(state: State, words: str) -> State:
     """Choose the length of the window that follows, by its label."""
     if words not in SPANS:
         raise BadSetting(f"the live window must be one of {', '.join(SPANS)} (got {words[:40]!r})")
-    if state.live is None:
-        return state
-    live = replace(state.live, span=SPANS[words], following=True)  # a paused screen stays so
-    return replace(state, live=live).with_reset_view(window=None)
+    after = state.with_live(span=SPANS[words], following=True)  # a paused screen stays so
+    return after.with_reset_view(window=None) if state.live else state
 
 
 @requested
 def set_sent(state: State, sent: Sent | None) -> State:
     """The board has taken a setting, and its curve is drawn; None: what it uses is not known."""
     if sent is not None and state.board is None and sent.filtered in state.recording.names:
-        state = state.with_open(board_choice=sent.filtered)
+        state = replace(state, board_choice=sent.filtered)
     return replace(state, sent=sent)
 
 

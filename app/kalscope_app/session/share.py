@@ -7,21 +7,15 @@ import shlex
 import subprocess
 from dataclasses import dataclass
 
-from kalscope.common.text import typed_number
-from kalscope.recording import Recording
+from kalscope.filtering.classic import Chain
 from kalscope.sources.grammar.read_options import option, option_words
 from kalscope.tuning.tuning import chain_text, typed_chain
-from kalscope_app.session.live_changes import when_settled, with_setting
-from kalscope_app.session.state import Setting, State
+from kalscope_app.session.changes import channel_named, select_channel, typed_value
+from kalscope_app.session.live_changes import when_settled
+from kalscope_app.session.state import State
 
 AUTOMATIC = {"p0": "automatic", "x0": "first", "gate": "off"}
 """The texts that mean no number."""
-
-NOTHING = {"p0": None, "x0": None, "gate": None, "momentum": 0.0}
-"""The values that they stand for."""
-
-WORDS_OF_NOTHING = ("", "automatic", "diffuse", "first", "off")
-"""What a user may type for them."""
 
 
 @dataclass(frozen=True)
@@ -36,32 +30,24 @@ class ShareLine:
 
 def share_line(state: State) -> ShareLine:
     """The command that reopens what is on screen."""
-    source, remarks = _source(state.recording)
-    words = ["kalscope", "open", source, *reading_words(state), *_channel_words(state.recording, state.channel)]
+    recording, remarks = state.recording, list[str]()
+    source = f"./{recording.source}" if recording.source.startswith("-") else recording.source
+    if not source.isprintable() or not source:
+        source, remarks = "FILE", ["Replace FILE with the path of the open file."]
+    words = ["kalscope", "open", source, *reading_words(state)]
+    if len(recording.names) > 1:
+        named = state.channel.isprintable() and state.channel.strip()
+        words += option("channel", state.channel if named else str(state.index + 1))
     if state.fusion is not None:
         remarks.append("Fused sensors reopen with the tuning file above.")
     elif state.tuning.paper is not None:
         remarks.append("The Khan et al. filter reopens as its experiment has it.")
     else:
         words += setting_words(state)
-    if len(state.recording.names) > 1:
+    if len(recording.names) > 1:
         remarks.append("The other channels open at their starting values; the tuning file above keeps them all.")
     join = subprocess.list2cmdline if os.name == "nt" else shlex.join
     return ShareLine(join(words), tuple(remarks))
-
-
-def _source(recording: Recording) -> tuple[str, list[str]]:
-    source = recording.source
-    if not source or not source.isprintable():
-        return "FILE", ["Replace FILE with the path of the open file."]
-    return (f"./{source}" if source.startswith("-") else source), []
-
-
-def _channel_words(recording: Recording, channel: str) -> list[str]:
-    if len(recording.names) == 1:
-        return []
-    index = recording.index(channel)
-    return [*option("channel", channel if channel.isprintable() and channel.strip() else str(index + 1))]
 
 
 def setting_words(state: State) -> list[str]:
@@ -78,9 +64,8 @@ def setting_words(state: State) -> list[str]:
 
 def reading_words(state: State) -> list[str]:
     """How the file is to be read, where that was decided."""
-    period = state.open.typed_period
-    words = () if period is None else option("sample-period", repr(period))
-    return [*words, *option_words(state.open.options)]
+    words = () if state.typed_period is None else option("sample-period", repr(state.typed_period))
+    return [*words, *option_words(state.options)]
 
 
 def apply_options(state: State, channel: str | None, chain: str | None, **given: str | None) -> State:
@@ -89,17 +74,19 @@ def apply_options(state: State, channel: str | None, chain: str | None, **given:
     Raises:
         BadSetting: no such channel, not a number, not a chain, or values that no filter can have.
     """
-    values: Setting = {}
-    for name, text in given.items():
-        if text is not None:
-            nothing = name in NOTHING and text.strip().lower() in WORDS_OF_NOTHING
-            values[name] = NOTHING[name] if nothing else typed_number(name, text)
+    values: dict[str, float | Chain | None] = {
+        name: typed_value(name, text) for name, text in given.items() if text is not None
+    }
     if values.get("p0", 0.0) is None:
         values["x0"] = None
     if chain is not None:
         values["chain"] = typed_chain(chain)
 
+    def change(state: State) -> State:
+        if channel is not None:
+            state = select_channel(channel_named(state.recording, channel))(state)
+        return state.with_tuning(**values, paper=None, how="command line") if values else state
+
     if values and state.live is not None and not state.live.settled:
         state.with_tuning(**values)  # refuses now what no channel could have
-    nothing = channel is None and not values
-    return state if nothing else when_settled(state, lambda state: with_setting(state, channel, values))
+    return state if channel is None and not values else when_settled(state, change)

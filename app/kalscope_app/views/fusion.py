@@ -176,7 +176,7 @@ class FusionView:
         for row in self._rows:
             row.show(frame)
         put(self._fuse, label="Fuse again" if fused else "Fuse", visible=bool(names))
-        put(self._end, visible=state.settings.fusion is not None)
+        put(self._end, visible=state.fused is not None)
         put(self._notes, visible=fused)
         if not fused:
             put(self._said, content=HOW)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import threading
 import time
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -21,7 +22,6 @@ from kalscope_app.session.changes import (
     pin_present,
     select_channel,
     set_exponent,
-    set_momentum_text,
     set_text,
     set_window,
 )
@@ -209,8 +209,8 @@ def test_a_move_changes_values_only(state):
         select_channel("b"),
         pin_present,
         lambda state: state.with_view(dark=True),
-        set_momentum_text("momentum", "5"),
-        lambda state: state.with_answers(note="said"),
+        set_text("momentum", "5"),
+        lambda state: replace(state, note="said"),
         lambda state: opened(
             Recording(state.recording.time, ("a", "b"), ("", ""), 2 * state.recording.values, 1.0)
         ),

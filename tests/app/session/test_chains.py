@@ -76,8 +76,8 @@ def test_a_chain_is_pinned_beside_the_kalman_filter_and_used_again(state):
 
 def test_linked_channels_run_the_same_chain_and_a_speed_counts_in_their_own_noise(state):
     tuned = set_link(SAME_LAG)(use_chain(Chain(5, EURO))(state))
-    first, second = tuned.settings.tunings
-    wider = np.sqrt(tuned.settings.starts[1].r / tuned.settings.starts[0].r)
+    first, second = tuned.tunings
+    wider = np.sqrt(tuned.starts[1].r / tuned.starts[0].r)
     assert (second.chain.median, second.chain.then.cutoff) == (5, 0.02)
     assert second.chain.then.beta == pytest.approx(0.7 / wider)
     assert first.chain == Chain(5, EURO)

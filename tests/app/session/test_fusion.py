@@ -24,7 +24,6 @@ from kalscope_app.session.changes import (
     sensor_limits,
     set_exponent,
     set_link,
-    set_momentum_text,
     set_sensor_exponent,
     set_sensor_text,
     set_taking_part,
@@ -32,7 +31,7 @@ from kalscope_app.session.changes import (
     stop_fusing,
 )
 from kalscope_app.session.live_changes import opened_live, refreshed
-from kalscope_app.session.opening import opened, opened_with
+from kalscope_app.session.opening import adapted, opened, opened_raw
 from kalscope_app.session.session import Session, redo, undo
 from kalscope_app.session.state import SAME_NUMBERS
 
@@ -125,22 +124,22 @@ def test_whatever_a_slider_sends_stays_within_its_ends(state, position):
 
 
 def test_q_momentum_and_gate_are_those_of_the_fused_filter_while_it_is_on_screen(state):
-    before = state.settings.tunings
-    tuned = set_momentum_text("momentum", "20")(set_exponent("q", -1.0)(state))
+    before = state.tunings
+    tuned = set_text("momentum", "20")(set_exponent("q", -1.0)(state))
     assert (tuned.fusion.used.params.q, tuned.fusion.used.params.momentum) == (0.1, 20.0)
-    assert tuned.settings.tunings == before
+    assert tuned.tunings == before
     assert set_text("gate", "off")(tuned).fusion.used.params.gate is None
     assert np.array_equal(frame_of(tuned).filtered, fuse(tuned.readings, tuned.fusion.used.params).x)
     assert reset_parameters(set_taking_part("a", False)(tuned)).settings == state.settings
     linked = stop_fusing(set_link(SAME_NUMBERS)(tuned))  # of the channels, not of the fused value
-    assert tuple(one.name for one in linked.settings.tunings) == linked.recording.names
+    assert tuple(one.name for one in linked.tunings) == linked.recording.names
     assert linked.tuning == before[0]
 
 
 def test_a_channel_and_the_fused_value_are_chosen_by_name(state):
     alone = select_channel("b")(state)
     assert (alone.fusion, alone.channel, alone.measured) == (None, "b", ("b",))
-    assert alone.settings.fusion == state.fusion
+    assert alone.fused == state.fusion
     back = select_channel("fused")(alone)
     assert back.measured == SENSORS
     assert select_channel("fused")(back) is back
@@ -175,29 +174,29 @@ def test_each_gesture_is_undone_and_done_again():
 def test_the_tuning_file_holds_the_sensors_that_take_part_and_opens_fused(state, tmp_path):
     without = set_taking_part("a", False)(state)
     save_tuning(without.as_tuning(), tmp_path / "t.toml")
-    again = opened_with(recording(), load_tuning(tmp_path / "t.toml"))
+    again = adapted(opened_raw(recording()), load_tuning(tmp_path / "t.toml"))
     assert again.fusion.tuning == without.fusion.used
     assert np.array_equal(frame_of(again).filtered, frame_of(without).filtered)
 
 
 def test_a_file_whose_sensors_are_missing_says_so_and_keeps_the_channels(state):
     rec = recording(("a", "x"), ("mm", "mm"))
-    again = opened_with(rec, state.as_tuning())
+    again = adapted(opened_raw(rec), state.as_tuning())
     assert again.fusion is None
-    assert "not all here" in again.answers.note
+    assert "not all here" in again.note
 
 
 def test_a_recording_of_the_same_sensors_stays_fused_and_another_one_not(state):
     assert opened(recording(n=300), state).fusion == state.fusion
     other = opened(recording(("a", "b")[:2], ("mm", "mm")), state)
-    assert (other.fusion, other.settings.fusion, other.open.fused) == (None, None, False)
+    assert (other.fusion, other.fused, other.shows_fused) == (None, None, False)
 
 
 def test_an_answer_that_comes_too_late_changes_nothing():
     other = opened(recording(n=100))
     late = apply_fusion(recording(), SENSORS, params(), "")(other)
     assert late.settings == other.settings
-    assert "another recording" in late.answers.note
+    assert "another recording" in late.note
 
 
 def test_of_a_live_record_only_new_rows_are_fused_and_the_line_is_that_of_all(monkeypatch):
@@ -219,7 +218,7 @@ def test_of_a_live_record_only_new_rows_are_fused_and_the_line_is_that_of_all(mo
 def test_sensors_of_other_units_are_fused_by_a_file_and_drawn_on_the_scale_of_the_quantity():
     rec = recording(("a", "b"), ("mm", "mV"))
     tuning = ChannelTuning("level", "mm", 0.01, (1.0, 4.0), sensors=("a", "b"), offset=(0.0, 5.0), gain=(1.0, -2.0))
-    state = opened_with(rec, replace(opened(rec).as_tuning(), fusion=tuning))
+    state = adapted(opened_raw(rec), replace(opened(rec).as_tuning(), fusion=tuning))
     assert (state.fusion.tuning, candidates(state)) == (tuning, ("a", "b"))
     drawn = {one.name: one.raw for one in frame_of(state).sensors}
     assert drawn["b"] == pytest.approx((rec.channel("b") - 5.0) / -2.0)

@@ -60,15 +60,15 @@ def test_before_the_first_sample_the_screen_waits(board):
 
 def test_starting_values_are_measured_on_the_first_samples_and_then_stay(board):
     state = opened_board(board.send(20), "x")
-    early = state.settings.starts
+    early = state.starts
     state = grown(board, START_SAMPLES - 20, state)
-    assert state.settings.starts != early
-    settled = state.settings.starts
+    assert state.starts != early
+    settled = state.starts
     state = grown(board, 5000, state)
-    assert state.settings.starts == settled
-    assert reset_parameters(set_text("q", "7")(state)).settings.tunings == settled
+    assert state.starts == settled
+    assert reset_parameters(set_text("q", "7")(state)).tunings == settled
     head = board.values[:START_SAMPLES, 0]
-    assert state.settings.starts[0].r == pytest.approx(np.var(np.diff(head)) / 2, rel=0.05)
+    assert state.starts[0].r == pytest.approx(np.var(np.diff(head)) / 2, rel=0.05)
 
 
 def test_a_topic_that_is_new_later_is_measured_by_itself_and_the_record_goes_on(board):
@@ -78,8 +78,8 @@ def test_a_topic_that_is_new_later_is_measured_by_itself_and_the_record_goes_on(
     board.names, board.values, board.generation = ("a", "b", "late"), np.column_stack([board.values, late]), 1
     state = refreshed(state, board.snapshot())
     assert (len(state.recording), state.channel, state.tuning.r) == (500 + START_SAMPLES, "a", 9.0)
-    assert state.settings.starts[2].params == starting_params(late[500:])
-    assert state.settings.tunings[:2] == before.settings.tunings
+    assert state.starts[2].params == starting_params(late[500:])
+    assert state.tunings[:2] == before.tunings
 
 
 def test_the_window_follows_until_the_person_looks_back(board):
@@ -202,7 +202,7 @@ def test_what_the_command_line_asked_for_waits_until_the_channels_are_known(boar
     state = grown(board, 500, state)
     tuning = state.tuning
     assert (state.channel, tuning.q, tuning.r, tuning.gate) == ("b", 1.0, 2.0, 9.0)
-    assert state.settings.starts[1].r != 2.0
+    assert state.starts[1].r != 2.0
     assert grown(board, 500, set_text("q", "5")(state)).tuning.q == 5.0
 
 
@@ -210,4 +210,4 @@ def test_what_the_command_line_asked_for_waits_until_the_channels_are_known(boar
 def test_a_tuning_of_another_sample_rate_is_rescaled_but_not_for_a_measured_percent(board, period, q):
     tuning = Tuning(channels=(ChannelTuning("b", "", 3.0, 4.0, None, None, "by hand"),), sample_period=period)
     state = grown(board, 500, opened_board(board, "x", tuning=tuning))
-    assert state.settings.tunings[1].q == pytest.approx(q)
+    assert state.tunings[1].q == pytest.approx(q)

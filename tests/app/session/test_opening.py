@@ -40,7 +40,7 @@ def test_every_experiment_opens_at_the_settings_of_its_figure(name):
     frame = frame_of(state)
     expected = filters[state.channel].run(recording.channel(state.channel)).x
     assert np.array_equal(frame.filtered, expected[frame.drawn.indices], equal_nan=True)
-    assert reset_parameters(set_text("q", "7")(state)).settings.tunings == state.settings.tunings
+    assert reset_parameters(set_text("q", "7")(state)).tunings == state.tunings
     assert "gain K" in table(frame)
 
 
@@ -83,7 +83,7 @@ def tuned():
 
 
 def of_b(state):
-    return {tuning.name: tuning for tuning in state.settings.tunings}["b"]
+    return {tuning.name: tuning for tuning in state.tunings}["b"]
 
 
 @pytest.mark.parametrize("title", ["first.csv", "second.csv", "sample:second", "synthetic:sine"])
@@ -91,16 +91,16 @@ def test_what_was_set_stays_for_the_same_name_and_unit(tuned, title):
     again = opened(recording(title, names=("c", "b")), tuned)
     assert of_b(again) == tuned.tuning
     assert (again.channel, again.variants) == ("b", tuned.variants)
-    assert again.settings.tunings[0] == again.settings.starts[0]
-    assert again.answers.note.endswith("Undo returns to the previous recording.")
-    assert of_b(reset_parameters(again)) == again.settings.starts[1]
+    assert again.tunings[0] == again.starts[0]
+    assert again.note.endswith("Undo returns to the previous recording.")
+    assert of_b(reset_parameters(again)) == again.starts[1]
 
 
 @pytest.mark.parametrize("other", [{"names": ("a", "c")}, {"units": ("", "V")}])
 def test_another_name_or_unit_is_another_channel(tuned, other):
     again = opened(recording("second.csv", **other), tuned)
-    assert again.settings.tunings == again.settings.starts
-    assert (again.answers.note, again.channel) == ("", "a")
+    assert again.tunings == again.starts
+    assert (again.note, again.channel) == ("", "a")
     assert not any(select_channel(name)(again).variants for name in again.recording.names)
 
 
@@ -113,10 +113,10 @@ def fed(board, state, *counts):
 def test_from_a_file_to_a_board_and_to_its_recording(tuned):
     board = Board()
     waiting = opened_live(board.id, "serial:x", tuned)
-    assert waiting.answers.note == ""  # its channels are not known yet
+    assert waiting.note == ""  # its channels are not known yet
     begun = list(fed(board, waiting, 20, 30, 500))
     assert [of_b(state) for state in begun] == [tuned.tuning] * 3
-    assert {state.answers.note[:16] for state in begun} == {"Filters and pins"}
+    assert {state.note[:16] for state in begun} == {"Filters and pins"}
     live = select_channel("b")(set_text("q", "0.5")(select_channel("b")(begun[-1])))
     assert live.variants == tuned.variants
     file = opened(replace(board.snapshot().recording, source="recording.csv"), live)
@@ -128,5 +128,5 @@ def test_a_figure_of_a_document_keeps_its_own_settings():
     alone = opened_experiment(name)
     before = set_text("q", "7")(alone)
     figure = opened_experiment(name, before)
-    assert figure.settings.tunings == alone.settings.tunings == figure.settings.starts
-    assert figure.answers.note == ""
+    assert figure.tunings == alone.tunings == figure.starts
+    assert figure.note == ""

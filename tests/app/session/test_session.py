@@ -37,7 +37,6 @@ from kalscope_app.session.changes import (
     set_exponent,
     set_link,
     set_momentum_position,
-    set_momentum_text,
     set_sample_period,
     set_text,
     set_velocity,
@@ -47,7 +46,7 @@ from kalscope_app.session.changes import (
     uploaded_settings,
     use_settings,
 )
-from kalscope_app.session.opening import later_answers, opened, opened_raw, opened_with, with_firsts
+from kalscope_app.session.opening import adapted, later_answers, opened, opened_raw, with_firsts
 from kalscope_app.session.session import (
     HELD,
     LIMIT,
@@ -87,10 +86,7 @@ def test_a_new_recording_starts_with_its_first_answer(state):
     wide = opened(recording(names=tuple(map(str, range(40)))))
     late = select_channel("39")(wide)
     assert (
-        late.params
-        == late.start.params
-        == starting_params(wide.recording.channel("39"))
-        != wide.settings.starts[39].params
+        late.params == late.start.params == starting_params(wide.recording.channel("39")) != wide.starts[39].params
     )
 
 
@@ -108,14 +104,14 @@ def test_late_first_answers_leave_what_was_touched_and_are_no_step_of_undo():
         session.request(lambda state, firsts=firsts: with_firsts(state, firsts))
     now = session.apply_requests()[0]
     assert (now.tuning.q, now.tuning.how) == (0.5, "by hand")
-    assert now.settings.starts == whole.settings.starts
-    assert now.settings.tunings[1:] == whole.settings.tunings[1:]
+    assert now.starts == whole.starts
+    assert now.tunings[1:] == whole.tunings[1:]
     session.request(undo)
     before = session.apply_requests()[0]
     assert before.settings == whole.settings
     assert before.outcome.message == whole.outcome.message
     session.request(undo)
-    assert "nothing to undo" in session.apply_requests()[0].answers.note
+    assert "nothing to undo" in session.apply_requests()[0].note
 
 
 @pytest.mark.parametrize("scale", [1e-9, 1.0, 1e9])
@@ -196,7 +192,7 @@ def test_the_window_is_clamped_ordered_and_never_empty(state, ends, window):
 
 def test_a_tuning_without_a_common_channel_is_refused(state):
     with pytest.raises(BadSetting, match="the tuning must hold a or b"):
-        opened_with(state.recording, Tuning((ChannelTuning("other", "", 1.0, 1.0),)))
+        adapted(opened_raw(state.recording), Tuning((ChannelTuning("other", "", 1.0, 1.0),)))
 
 
 # --- the queue ------------------------------------------------------------------------------------------
@@ -240,7 +236,7 @@ def test_a_recording_without_time_takes_the_period_that_is_typed(state):
     timed = set_sample_period("0,02")(untimed)
     assert timed.recording.sample_period == 0.02
     assert timed.recording.time[:3].tolist() == [0.0, 0.02, 0.04]
-    assert timed.settings.tunings == untimed.settings.tunings
+    assert timed.tunings == untimed.tunings
     with pytest.raises(BadSetting, match="above 0"):
         set_sample_period("0")(untimed)
 
@@ -296,9 +292,7 @@ TUNING_CHANGES = [pin_present, set_link(SAME_NUMBERS), set_text("gate", "9")]
 def test_pins_and_channels_are_remembered(state, change):
     history = record(History(), state, change(state), "", 0.0)
     assert history.past == (state,)
-    assert step(history, change(state), back=True)[1] == replace(
-        state.with_answers(note=""), view=change(state).view
-    )
+    assert step(history, change(state), back=True)[1] == replace(replace(state, note=""), view=change(state).view)
 
 
 @pytest.mark.parametrize("name", [field.name for field in fields(View)])
@@ -315,9 +309,9 @@ def test_back_and_forth_is_the_identity(state):
     tuned = set_text("q", "1")(state)
     history = record(History(), state, tuned, "", 0.0)
     history, before = step(history, tuned, back=True)
-    assert before.settings.tunings == state.settings.tunings
+    assert before.tunings == state.tunings
     history, after = step(history, before, back=False)
-    assert after.settings.tunings == tuned.settings.tunings
+    assert after.tunings == tuned.tunings
     assert step(history, after, back=False) == (history, after)
     assert step(History(), state, back=True) == (History(), state)
 
@@ -350,23 +344,23 @@ def test_the_session_undoes_and_redoes_by_request(state):
     session.request(undo)
     assert session.apply_requests()[0].tuning.q == state.tuning.q
     session.request(undo)
-    assert session.apply_requests()[0].answers.note == "There is nothing to undo."
+    assert session.apply_requests()[0].note == "There is nothing to undo."
     session.request(redo)
     session.request(redo)
     session.request(redo)
     settled = session.apply_requests()[0]
-    assert (settled.tuning.q, settled.answers.note) == (2, "There is nothing to redo.")
+    assert (settled.tuning.q, settled.note) == (2, "There is nothing to redo.")
 
 
 # --- the momentum τ -------------------------------------------------------------------------------------
 
 
 def with_momentum(state, momentum):
-    return set_momentum_text("momentum", repr(momentum))(state)
+    return set_text("momentum", repr(momentum))(state)
 
 
 def momenta(state):
-    return [tuning.momentum for tuning in state.settings.tunings]
+    return [tuning.momentum for tuning in state.tunings]
 
 
 def test_the_low_end_of_the_slider_is_exactly_off_and_the_high_end_the_longest():
@@ -396,19 +390,19 @@ def test_whatever_a_browser_sends_the_momentum_is_in_its_range(state, position):
     ],
 )
 def test_a_momentum_is_typed_in_samples_or_as_a_time(state, text, samples):
-    typed = set_momentum_text("momentum", text)(with_momentum(state, 3.0))
+    typed = set_text("momentum", text)(with_momentum(state, 3.0))
     assert typed.tuning.momentum == pytest.approx(samples, rel=1e-12)
 
 
 @pytest.mark.parametrize("text", ["-1", "1e6", "nan", "inf", "much", "ms", "-3 ms", "9 h", "1 2"])
 def test_what_is_no_momentum_is_refused_by_its_name(state, text):
     with pytest.raises(BadSetting, match="momentum must be"):
-        set_momentum_text("momentum", text)(state)
+        set_text("momentum", text)(state)
 
 
 def test_a_time_needs_the_sample_period():
     with pytest.raises(BadSetting, match="momentum must be in samples while the sample period is not known"):
-        set_momentum_text("momentum", "120 ms")(opened(recording(period=None)))
+        set_text("momentum", "120 ms")(opened(recording(period=None)))
 
 
 def test_the_other_channels_keep_their_momentum_unless_they_are_linked(state):
@@ -440,7 +434,7 @@ def file(state):
     tuned = state
     for name, text in {"q": "7", "r": "3", "p0": "2", "gate": "16", "momentum": "12"}.items():
         tuned = set_text(name, text)(tuned)
-    return dumps(tuned.as_tuning()).encode(), tuned.settings.tunings
+    return dumps(tuned.as_tuning()).encode(), tuned.tunings
 
 
 def test_a_file_that_was_saved_comes_back_and_can_be_undone(state, file):
@@ -448,8 +442,8 @@ def test_a_file_that_was_saved_comes_back_and_can_be_undone(state, file):
     session = Session(state)
     session.request(use_settings(uploaded_settings("mine.toml", content), "mine.toml"))
     loaded = session.apply_requests()[0]
-    assert loaded.settings.tunings == expected
-    assert loaded.answers.note == "Loaded mine.toml."
+    assert loaded.tunings == expected
+    assert loaded.note == "Loaded mine.toml."
     session.request(undo)
     assert session.apply_requests()[0].settings == state.settings
 
@@ -458,7 +452,7 @@ def test_another_rate_rescales_q_and_no_rate_takes_that_of_the_file(file):
     tuning = uploaded_settings("mine.toml", file[0])
     slower = use_settings(tuning, "mine.toml")(opened(recording(period=0.02)))
     assert slower.tuning.q == pytest.approx(14.0)
-    assert slower.answers.note.startswith("Loaded mine.toml. Q was multiplied by 2")
+    assert slower.note.startswith("Loaded mine.toml. Q was multiplied by 2")
     untimed = use_settings(tuning, "mine.toml")(opened(recording(period=None)))
     assert (untimed.recording.sample_period, untimed.tuning.q) == (0.01, 7.0)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shlex
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -14,7 +15,6 @@ from kalscope_app.session.changes import (
     select_channel,
     set_automatic_start,
     set_momentum_position,
-    set_momentum_text,
     set_sample_period,
     set_text,
 )
@@ -52,7 +52,7 @@ def essence(state):
     tuning = state.tuning
     setting = (tuning.q, tuning.r, tuning.momentum, tuning.p0, tuning.x0, tuning.gate)
     recording = state.recording
-    return state.channel, setting, recording.sample_period, recording.gaps, state.open.options, state.filter
+    return state.channel, setting, recording.sample_period, recording.gaps, state.options, state.filter
 
 
 def files(folder):
@@ -70,7 +70,7 @@ CHANGES = [
     [set_text("p0", "1e-300"), set_text("gate", "9")],
     [set_text("q", "0"), set_text("r", "2")],
     [set_text("r", "0")],
-    [set_text("q", "2"), set_momentum_text("momentum", "12.345678901234567"), set_text("gate", "9")],
+    [set_text("q", "2"), set_text("momentum", "12.345678901234567"), set_text("gate", "9")],
     [set_momentum_position(3.21), set_momentum_position(0.0)],
     [lambda state: select_channel(state.recording.names[-1])(state), set_text("q", "7")],
     [set_automatic_start(False), set_automatic_start(True)],
@@ -105,12 +105,12 @@ def test_how_the_file_was_read_comes_along(reopen, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     name = next(files(tmp_path))
     options = options_from_text(delimiter="comma", time_column="none", missing=["-200", "n/x"], gaps="rows")
-    state = opened(open_source(name, options)).with_open(options=options)
+    state = replace(opened(open_source(name, options)), options=options)
     line = share_line(state).line
     assert "--missing=-200" in line
     assert essence(reopen(line)) == essence(state)
     timed = options_from_text(time_column="t", time_unit="ms", gaps="dt")
-    state = opened(open_source(name, timed)).with_open(options=timed)
+    state = replace(opened(open_source(name, timed)), options=timed)
     assert essence(reopen(share_line(state).line)) == essence(state)
 
 
