@@ -231,16 +231,15 @@ class Dashboard:
                 self.notifications.tell(self._note, good=True)
 
     def _show_numbers(self, frame: Frame) -> None:
-        for view in self._header, self._verdict, self._goal, self._parameters, self._more, self._chain:
-            self._draw(frame, view.show)
-        self._draw(frame, self._fusion.show, self._map.follow)
+        views = self._header, self._verdict, self._goal, self._parameters, self._more, self._chain, self._fusion
+        self._draw(frame, *(view.show for view in views), self._map.follow)
 
     def _show_other(self, frame: Frame) -> None:
-        for view in self._view, self._question, self._window, self._source, self._live:
-            self._draw(frame, view.show)
+        views = self._view, self._question, self._window, self._source, self._live
+        self._draw(frame, *(view.show for view in views))
         if self._last is None or not only_grown(self._last, frame):
-            for view in self._variants, self._channels, self._code, self._board, self._command_line:
-                self._draw(frame, view.show)
+            views = self._variants, self._channels, self._code, self._board, self._command_line
+            self._draw(frame, *(view.show for view in views))
         self._draw(frame.state.fleet, self._fleet.show)
         self._commands.show()
         self._last = frame
@@ -299,4 +298,4 @@ def only_grown(last: Frame, frame: Frame) -> bool:
     old, new = last.state, frame.state
     others = {one.name for one in fields(State)} - {"recording", "live"}
     same = all(getattr(old, name) is getattr(new, name) for name in others)
-    return same and last.serial == frame.serial and old.live is not None and new.live is not None
+    return same and last.serial == frame.serial and None not in (old.live, new.live)

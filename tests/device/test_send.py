@@ -15,7 +15,7 @@ from kalscope.export.float32 import float32_params
 from kalscope.sources.live.source import LiveSource
 from kalscope.tuning.tuning import ChannelTuning
 from kalscope_app.live import send_setting
-from kalscope_app.session.live_changes import opened_live, refreshed, set_sent
+from kalscope_app.session.changes import opened_live, refreshed, set_sent
 from kalscope_app.studies.checks import compare_with_board
 
 pytestmark = pytest.mark.device

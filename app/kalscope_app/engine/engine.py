@@ -22,7 +22,7 @@ from kalscope_app.engine.filter_runs import (
     facts_of,
 )
 from kalscope_app.engine.frame import Frame, compute_frame
-from kalscope_app.session.live_changes import live_window, studied
+from kalscope_app.session.changes import live_window, studied
 from kalscope_app.session.session import Session
 from kalscope_app.session.state import State
 
@@ -61,18 +61,13 @@ class Schedule:
     """Which parts are behind the newest frame, and when each must be drawn. Times are in s, of one clock."""
 
     def __init__(self) -> None:
-        self._newest = -math.inf
-        self._behind: dict[Part, float] = {}
+        self._newest, self._behind = -math.inf, dict[Part, float]()
 
     def begin(self, now: float, *, whole: bool) -> tuple[Part, ...]:
         """A new frame has arrived: which of its parts to draw now; `whole`: none may wait."""
         self._newest = now
-        if whole:
-            self._behind.clear()
-            return tuple(Part)
-        for part in DELAYS:
-            self._behind.setdefault(part, now)
-        return (Part.SIGNAL,)
+        self._behind = {} if whole else {part: self._behind.get(part, now) for part in DELAYS}
+        return tuple(Part) if whole else (Part.SIGNAL,)
 
     def next_due(self) -> float:
         """When the next part is due if no newer frame comes; inf if none is behind."""
@@ -85,16 +80,14 @@ class Schedule:
             now: the time.
             moving: whether a newer frame is due too: it takes precedence over parts that may still wait.
         """
-        due = tuple(part for part in sorted(self._behind) if now >= (self._latest if moving else self._due)(part))
+        due = tuple(part for part in sorted(self._behind) if now >= self._due(part, moving=moving))
         for part in due:
             del self._behind[part]
         return due
 
-    def _due(self, part: Part) -> float:
-        return min(self._newest + DELAYS[part][0], self._latest(part))
-
-    def _latest(self, part: Part) -> float:
-        return self._behind[part] + DELAYS[part][1]
+    def _due(self, part: Part, *, moving: bool = False) -> float:
+        since, (still, longest) = self._behind[part], DELAYS[part]
+        return since + longest if moving else min(self._newest + still, since + longest)
 
 
 def is_move(before: State, after: State) -> bool:
@@ -277,7 +270,7 @@ class Engine:
 
     def _tick(self) -> float:
         """When a live board is polled again without a request; inf for a finished record."""
-        if not self._session.is_live:
+        if self._session.board is None:
             return math.inf
         silent = time.monotonic() - self._news_at > SETTLING
         return self._begun + (SILENT_INTERVAL if silent else LIVE_INTERVAL)
@@ -305,8 +298,16 @@ class Engine:
         state, serial, failures = self._session.apply_requests()
         for failed, error in failures:
             self._tell(str(error) if isinstance(error, KalscopeError) else error, failed=failed)
-        if self._is_news(state, serial):
-            self._draw(state, serial)
+        if not self._is_news(state, serial):
+            return
+        asked = self._frame is None or serial != self._frame.serial
+        try:
+            self._show_frame(state, serial)
+        finally:  # also where the frame has failed: what is on screen of the one before is taken away then
+            due = state.live is None or asked or self._frame_at - self._study_at > STUDY_INTERVAL
+            if self._studies is not None and due:
+                self._study_at = self._frame_at
+                self._studies.of(studied(state))
 
     def _is_news(self, state: State, serial: int) -> bool:
         """Whether its frame would differ from the last one; a wake-up for a live record may bring nothing new."""
@@ -317,16 +318,6 @@ class Engine:
         if now - self._frame_at < STATUS_INTERVAL:
             return False
         return now - self._news_at < SETTLING or self._session.connection() != last.connection
-
-    def _draw(self, state: State, serial: int) -> None:
-        asked = self._frame is None or serial != self._frame.serial
-        try:
-            self._show_frame(state, serial)
-        finally:  # also where the frame has failed: what is on screen of the one before is taken away then
-            due = state.live is None or asked or self._frame_at - self._study_at > STUDY_INTERVAL
-            if self._studies is not None and due:
-                self._study_at = self._frame_at
-                self._studies.of(studied(state))
 
     def _show_frame(self, state: State, serial: int) -> None:
         limit = MAX_POINTS if state.live is None else MAX_LIVE_POINTS

@@ -209,16 +209,9 @@ MAX_KEPT = 1_000_000
 """Samples of a finished recording up to which a whole run is kept: it takes 40 bytes per sample."""
 
 
-@dataclass(frozen=True)
-class DrawnRun:
-    """What a chart needs of a run."""
-
-    at: FilterResult
-    """The run at the samples drawn; its sums are over all samples."""
-    gain: Callable[[int], Array]
-    """The gain of the first n samples."""
-    whole: FilterResult | None
-    """All of the run; None where only the drawn samples were kept."""
+DrawnRun = tuple[FilterResult, Callable[[int], Array], FilterResult | None]
+"""What a chart needs of a run: the run at the samples drawn, its sums over all samples; the gain of the first n
+samples; all of the run, or None where only the drawn samples were kept."""
 
 
 @dataclass
@@ -262,14 +255,14 @@ class FilterRuns:
         if state.running.sensors:  # no innovation is drawn, and the gain is that of the equivalent filter
             none = np.full(len(at.x), np.nan)
             at = replace(at, k=none, innovation=none, s=none)
-            return DrawnRun(at, lambda size: kalman_filter(np.zeros(size), state.params).k, None)
+            return at, lambda size: kalman_filter(np.zeros(size), state.params).k, None
 
         def gain(size: int) -> Array:
             if whole is not None:
                 return whole.k[:size]
             return kalman_filter(state.z[:size], state.params, None if dt is None else dt[:size]).k
 
-        return DrawnRun(at, gain, whole)
+        return at, gain, whole
 
     def variants(self, state: State, drawn: DrawnSamples) -> tuple[Array, ...]:
         """The pinned settings of the channel on screen at the samples drawn: no slider changes them."""

@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 import math
+import os
 import re
+import shlex
+import subprocess
 from collections.abc import Callable, Collection
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from kalscope.analysis import actions
 from kalscope.analysis.channel_kinds import default_channel
@@ -19,20 +24,34 @@ from kalscope.filtering.classic import Chain
 from kalscope.filtering.params import MAX_MOMENTUM, FilterParams
 from kalscope.filtering.steady import steady_state
 from kalscope.recording import Recording
+from kalscope.sources.grammar.read_options import option, option_words
+from kalscope.sources.live.samples import Snapshot
+from kalscope.sources.live.source import LiveSource
 from kalscope.tuning.choose import name_of_fused
 from kalscope.tuning.file import loads
-from kalscope.tuning.tuning import ChannelTuning, Tuning
-from kalscope_app.session.opening import adapted, with_first_answer, with_sample_period
+from kalscope.tuning.tuning import ChannelTuning, Tuning, chain_text, typed_chain
+from kalscope_app.session.opening import (
+    MOST_CHANNELS,
+    adapted,
+    first_answer,
+    not_fitted,
+    opened,
+    with_first_answer,
+    with_sample_period,
+)
 from kalscope_app.session.state import (
     LINKS,
     MAX_SENSORS,
     MAX_VARIANTS,
     MIN_SENSORS,
     ORDERS,
+    BoardCalibration,
     Change,
     Fusion,
+    Live,
     OpenFleet,
     Outcome,
+    Sent,
     State,
     Variant,
     requested,
@@ -107,7 +126,7 @@ def set_text(state: State, name: str, text: str) -> State:
     if getattr(state.tuning, name) == value:
         return state
     if name == "p0" and value is None:
-        return set_automatic_start(True)(state)
+        return state.with_tuning(p0=None, x0=None)
     if name == "x0" and state.tuning.p0 is None:
         return state.with_tuning(x0=value, p0=state.tuning.r)
     return _by_hand(state, name, value)
@@ -119,14 +138,6 @@ def _by_hand(state: State, name: str, value: float | None) -> State:
     return state.with_tuning(**{name: value}, how=how)
 
 
-@requested
-def set_automatic_start(state: State, automatic: bool) -> State:
-    """Automatic (diffuse) start at the first sample, or p0 and x0 by value, beginning with p0 = r."""
-    if automatic == (state.tuning.p0 is None):
-        return state
-    return state.with_tuning(p0=None if automatic else max(state.tuning.r, 1e-300), x0=None)
-
-
 def reset_parameters(state: State) -> State:
     """Back to the starting values of the channel, or to those of the fused sensors."""
     if state.fusion is not None:
@@ -134,11 +145,15 @@ def reset_parameters(state: State) -> State:
     return state.with_tuning_of(state.index, state.start)
 
 
+TOO_LATE = "after another recording was opened; nothing was changed."
+"""How a note ends on an answer that comes too late."""
+
+
 @requested
 def apply_found(state: State, recording: Recording, channel: str, found: FitResult) -> State:
     """A search has ended: its q, r, momentum and gate become the channel's, if the channel is still there."""
     if not state.continues(recording):
-        return replace(state, note="The search ended after another recording was opened; nothing was changed.")
+        return replace(state, note=f"The search ended {TOO_LATE}")
     at, params = recording.index(channel), found.params
     before = state.tunings[at]
     outcome = Outcome(found.how, found.message, before, None, found.estimate, found.request)
@@ -220,8 +235,8 @@ def momentum_words(momentum: float, period: float | None) -> str:
 # Changes of the chain of filters that a channel runs in place of the Kalman filter alone.
 
 
-MEDIANS = ("off", "3 samples", "5 samples")
-"""Medians that may be chosen as the first filter, in the words on screen."""
+MEDIANS = {"off": 1, "3 samples": 3, "5 samples": 5}
+"""Samples of the medians that may be chosen as the first filter, by the words on screen."""
 
 
 def median_words(window: int) -> str:
@@ -235,7 +250,7 @@ def use_chain(state: State, chain: Chain) -> State:
     state.require_one_channel()
     if state.tuning.chain == chain:
         return state
-    after = state.with_standard_filter().with_tuning(chain=chain)
+    after = state.with_tuning(chain=chain, paper=None)
     words = f"{chain.words[:1].upper()}{chain.words[1:]}"
     return replace(after, note=f"{words} runs now; Undo reverts it.")
 
@@ -248,14 +263,13 @@ def use_kalman_filter(state: State) -> State:
 @requested
 def set_median(state: State, words: str) -> State:
     """Put a median before the filter that runs, or none."""
-    chain = state.tuning.chain
+    chain, window = state.tuning.chain, MEDIANS.get(words)
     if words == median_words(1 if chain is None else chain.median):
         return state
-    if words not in MEDIANS:
+    if window is None:
         raise BadSetting(f"the median must be one of {', '.join(MEDIANS)} (got {words[:40]!r})")
-    then, off = None if chain is None else chain.then, words == "off"
-    window = 1 if off else int(words.partition(" ")[0])
-    return state.with_tuning(chain=None if off and then is None else Chain(window, then))
+    then = chain and chain.then
+    return state.with_tuning(chain=None if window == 1 and then is None else Chain(window, then))
 
 
 # Changes of the channels: which is on screen, which are linked, whose settings are copied.
@@ -352,9 +366,7 @@ def apply_fusion(
 ) -> State:
     """Sensors are fused: their filter is on screen, if their recording still is."""
     if not state.continues(recording):
-        return replace(
-            state, note="The sensors were fused after another recording was opened; nothing was changed."
-        )
+        return replace(state, note=f"The sensors were fused {TOO_LATE}")
     unit = recording.units[recording.index(sensors[0])]
     tuning = ChannelTuning.of_params(name_of_fused(recording), unit, params, how, sensors)
     return state.with_fusion(Fusion(tuning, tuning, estimate=estimate)).with_reset_view()
@@ -369,8 +381,6 @@ def stop_fusing(state: State) -> State:
 def set_taking_part(state: State, sensor: str, takes_part: bool) -> State:
     """A sensor drops out, or is taken in again; BadSetting for the last one."""
     fusion = _fusion_of(state, sensor)
-    if fusion is None:
-        return state
     dropped = fusion.dropped - {sensor} if takes_part else fusion.dropped | {sensor}
     if len(dropped) == len(fusion.tuning.sensors):
         raise BadSetting(f"at least one sensor must take part (got {sensor[:40]!r}, the last one, dropped out)")
@@ -380,10 +390,9 @@ def set_taking_part(state: State, sensor: str, takes_part: bool) -> State:
 @requested
 def set_sensor_exponent(state: State, sensor: str, exponent: float) -> State:
     """The slider of a sensor's noise was moved: its r becomes 10^exponent, to three digits."""
-    fusion = _fusion_of(state, sensor)
-    if fusion is None or not math.isfinite(exponent):
+    if not math.isfinite(exponent):
         return state
-    low, high = sensor_limits(fusion, sensor)
+    low, high = sensor_limits(_fusion_of(state, sensor), sensor)
     return set_sensor_text(sensor, "r", str(_rounded(10.0 ** min(max(exponent, low), high))))(state)
 
 
@@ -391,8 +400,6 @@ def set_sensor_exponent(state: State, sensor: str, exponent: float) -> State:
 def set_sensor_text(state: State, sensor: str, name: str, text: str) -> State:
     """An exact r or offset of a sensor was typed."""
     fusion = _fusion_of(state, sensor)
-    if fusion is None:
-        return state
     value = 0.0 if name == "offset" and not text.strip() else typed_number(f"{name} of {sensor[:40]}", text)
     each = dict(zip(fusion.tuning.sensors, getattr(fusion.tuning, name), strict=True))
     if each[sensor] == value:
@@ -407,9 +414,11 @@ def sensor_limits(fusion: Fusion, sensor: str) -> tuple[int, int]:
     return _limits("r", fusion.start.r[at], fusion.tuning.r[at])
 
 
-def _fusion_of(state: State, sensor: str) -> Fusion | None:
-    """The fused filter, if it has this sensor."""
-    return state.fused if state.fused and sensor in state.fused.tuning.sensors else None
+def _fusion_of(state: State, sensor: str) -> Fusion:
+    """The fused filter; BadSetting where it does not have this sensor."""
+    if state.fused is None or sensor not in state.fused.tuning.sensors:
+        raise BadSetting(f"the sensor must be one of those that are fused (got {sensor[:40]!r})")
+    return state.fused
 
 
 # Changes of the open fleet, and the step from one of its devices to the recording on screen.
@@ -575,7 +584,7 @@ def change_for(state: State, action: actions.Action, judged: State) -> State:
         case actions.SetGate(sigma):
             return state.with_tuning(gate=None if sigma is None else sigma * sigma)
         case actions.UnsetStart():
-            return set_automatic_start(True)(state)
+            return state.with_tuning(p0=None, x0=None)
         case actions.GiveNoise() | actions.ChooseFilter():
             is_noise = isinstance(action, actions.GiveNoise)
             return state.with_view(search_method=FOR_NOISE if is_noise else FOR_LAG)
@@ -643,3 +652,283 @@ def as_it_was_left(state: State, tuning: Tuning) -> State:
     chosen = state.channel != default_channel(state.recording)  # on the command line
     note = f"The filter is as you left it: Undo gives the starting values. {after.note}".strip()
     return replace(after, tunings=tunings, channel=state.channel if chosen else after.channel, note=note)
+
+
+# A live board in the State: its window follows the newest sample or is paused; `refreshed` adds new samples.
+#
+# The State holds the record as of the last refresh (`Snapshot`: views, so taking one costs nothing). What the user
+# chose stays; only the record under it grows.
+
+
+SPANS = {
+    **{f"{seconds} s": float(seconds) for seconds in (1, 2, 5, 10, 30)},
+    **{f"{minutes} min": 60.0 * minutes for minutes in (1, 2, 5, 10)},
+    "all": math.inf,
+}
+"""Lengths of the window that follows the newest sample, s."""
+
+START_SAMPLES, START_SECONDS = 100, 2.0
+"""The starting r is measured on the first samples: on this many, or over this long if the board is slow."""
+
+MIN_SAMPLES = 10
+"""Fewer samples than this show nothing yet."""
+
+WAITING = f"waiting for the first {MIN_SAMPLES} samples"
+"""What is said instead of the size of the placeholder."""
+
+MAX_STUDIED = 100_000
+"""Newest samples that the checks, spectra and maps of a live record are computed from."""
+
+
+def opened_live(board: LiveSource, title: str, before: State | None = None, tuning: Tuning | None = None) -> State:
+    """A state that waits for the first samples of a board and then shows them.
+
+    Args:
+        board: the board.
+        title: its name, as the user gave it.
+        before: what was on screen.
+        tuning: values to begin with, for the channels of the same names; None = measured on the first samples.
+    """
+    live = Live(board, deferred=() if tuning is None else (lambda state: adapted(state, tuning),))
+    # Until it has sent something, two missing samples are on screen.
+    waiting = Recording(np.arange(2.0), ("signal",), ("",), np.full((2, 1), np.nan), None, title=title)
+    return replace(opened(waiting, before), note="", live=live)
+
+
+def when_settled(state: State, change: Change) -> State:
+    """Make a change of the command line as soon as the channels of a board are known; at once where they are."""
+    live = state.live
+    if live is None or live.settled:
+        return change(state)
+    return state.with_live(deferred=(*live.deferred, change))
+
+
+def _apply_deferred(state: State) -> State:
+    """The state with what the command line asked for; the note says what could not be applied."""
+    live, notes = state.live, list[str]()
+    if live is None or not live.settled or not live.deferred:
+        return state
+    state = state.with_live(deferred=())
+    for change in live.deferred:
+        try:
+            state = change(state)
+            notes += filter(None, [state.note])
+        except BadSetting as error:
+            notes.append(f"Ignored command-line option: {error}.")
+    return replace(state.with_reset_view(), note=" ".join(notes))
+
+
+def refreshed(state: State, snapshot: Snapshot | None) -> State:
+    """The state with the samples that its board has now; the same object where there are no new ones."""
+    live = state.live
+    if live is None or live.paused or snapshot is None or len(snapshot.recording) < MIN_SAMPLES:
+        return state
+    last = live.snapshot
+    if last is not None and (last.generation, last.version) == (snapshot.generation, snapshot.version):
+        return state
+    if last is None or last.generation != snapshot.generation or not live.settled:
+        state = _begun(state, snapshot)
+    return replace(state, recording=snapshot.recording).with_live(snapshot=snapshot)
+
+
+def _begun(state: State, snapshot: Snapshot) -> State:
+    """Starting values from the first samples, and what is kept from before."""
+    recording = snapshot.recording
+    firsts: list[int] = np.isfinite(recording.values).argmax(axis=0).tolist()  # a topic may first appear later
+    begin = max(firsts, default=0)
+    lasted = float(recording.time[-1] - recording.time[begin])
+    settled = len(recording) - begin >= START_SAMPLES or lasted >= START_SECONDS
+    head = _part(recording, begin, begin + START_SAMPLES)
+    found = tuple(
+        (first_answer if i < MOST_CHANNELS else not_fitted)(_part(recording, first, first + START_SAMPLES), name)
+        for i, (first, name) in enumerate(zip(firsts, recording.names, strict=True))
+    )
+    fresh = with_first_answer(opened(head, state, found))
+    last, now = state.live and state.live.snapshot, recording.names
+    before = last.recording.names if last else ()
+    if last is not None and (last.generation == snapshot.generation or before == now[: len(before)] != now):
+        fresh = replace(fresh, note=state.note)
+    if now == state.recording.names:
+        fresh = fresh.with_view(resets=state.view.resets)
+    choice = state.board_choice if state.board_choice in (*now, None) else fresh.board_choice
+    fresh = replace(fresh, board_choice=choice, options=state.options, live=state.live)
+    return _apply_deferred(fresh.with_live(settled=settled))
+
+
+def without_samples(state: State) -> State:
+    """The state as the history keeps it: without the samples, which the connection keeps."""
+    if state.live is None or state.live.snapshot is None:
+        return state
+    few = _part(state.recording, 0, 2)
+    stub = replace(few, time=few.time.copy(), values=few.values.copy())  # a view would keep the whole array
+    return replace(state, recording=stub).with_live(snapshot=None, paused=False)
+
+
+def with_current_samples(kept: State, present: State) -> State:
+    """A state from the history with the samples on screen, if it is the same board."""
+    if kept.live is None or present.live is None or present.live.board is not kept.live.board:
+        return kept
+    if tuple(tuning.name for tuning in kept.tunings) != present.recording.names:
+        return kept
+    return replace(kept, recording=present.recording, live=present.live)
+
+
+def studied(state: State) -> State:
+    """The state that idle-time computations use: the newest samples of a live record, all of any other."""
+    n = len(state.recording)
+    if state.live is None or n <= MAX_STUDIED:
+        return state
+    return replace(state, recording=_part(state.recording, n - MAX_STUDIED, n))
+
+
+def live_window(state: State) -> tuple[float, float] | None:
+    """First and last time on screen, s, of what is open; None = all of it."""
+    if state.live is None or not state.live.following:
+        return state.view.window
+    if math.isinf(state.live.span):
+        return None
+    end = float(state.recording.time[-1])
+    return end - state.live.span, end
+
+
+def _part(recording: Recording, first: int, last: int) -> Recording:
+    return replace(recording, time=recording.time[first:last], values=recording.values[first:last])
+
+
+def follow(state: State) -> State:
+    """The Live button: continue, at the newest sample."""
+    return state.with_live(following=True, paused=False).with_reset_view(window=None) if state.live else state
+
+
+@requested
+def set_paused(state: State, paused: bool) -> State:
+    """Freeze the screen, or continue; samples arrive in either case."""
+    return state.with_live(paused=bool(paused))
+
+
+@requested
+def set_span(state: State, words: str) -> State:
+    """Choose the length of the window that follows, by its label."""
+    if words not in SPANS:
+        raise BadSetting(f"the live window must be one of {', '.join(SPANS)} (got {words[:40]!r})")
+    after = state.with_live(span=SPANS[words], following=True)  # a paused screen stays so
+    return after.with_reset_view(window=None) if state.live else state
+
+
+@requested
+def set_sent(state: State, sent: Sent | None) -> State:
+    """The board has taken a setting, and its curve is drawn; None: what it uses is not known."""
+    if sent is not None and state.board is None and sent.filtered in state.recording.names:
+        state = replace(state, board_choice=sent.filtered)
+    return replace(state, sent=sent)
+
+
+@requested
+def set_calibration(state: State, calibration: BoardCalibration | None) -> State:
+    """The board has measured its noise, or could not; None: it begins to."""
+    # Its filter continued with what it measured: there is no restart from which to compare it.
+    sent = state.sent if calibration is None or calibration.values is None else None
+    return replace(state, calibration=calibration, sent=sent)
+
+
+@requested
+def set_kept(state: State, kept: bool) -> State:
+    """The board keeps its values for its next start, or those of its export."""
+    known = state.calibration
+    return state if known is None else replace(state, calibration=replace(known, kept=kept))
+
+
+def calibration_here(state: State) -> BoardCalibration | None:
+    """The result of letting the board measure the channel on screen."""
+    known = state.calibration
+    return known if known and (known.record, known.channel) == (state.record_key, state.channel) else None
+
+
+def use_calibration(state: State) -> State:
+    """Filter the channel on screen with the r and q that its board measured."""
+    known = calibration_here(state)
+    if known is None or known.values is None:
+        raise BadSetting("the board must have measured this channel first (got none)")
+    state = state if state.uses_parameters else state.with_standard_filter()
+    return state.with_tuning(**known.values.parameters, how="measured by the board")
+
+
+# One line that reopens file, channel and setting: written from a State, and applied to one.
+
+
+AUTOMATIC = {"p0": "automatic", "x0": "first", "gate": "off"}
+"""The texts that mean no number."""
+
+
+@dataclass(frozen=True)
+class ShareLine:
+    """The line, and what must be said with it."""
+
+    line: str
+    """The command."""
+    remarks: tuple[str, ...]
+    """Sentences on what it does not contain; fixed texts, with nothing from a file."""
+
+
+def share_line(state: State) -> ShareLine:
+    """The command that reopens what is on screen."""
+    recording, remarks = state.recording, list[str]()
+    source = f"./{recording.source}" if recording.source.startswith("-") else recording.source
+    if not source.isprintable() or not source:
+        source, remarks = "FILE", ["Replace FILE with the path of the open file."]
+    words = ["kalscope", "open", source, *reading_words(state)]
+    if len(recording.names) > 1:
+        named = state.channel.isprintable() and state.channel.strip()
+        words += option("channel", state.channel if named else str(state.index + 1))
+    if state.fusion is not None:
+        remarks.append("Fused sensors reopen with the tuning file above.")
+    elif state.tuning.paper is not None:
+        remarks.append("The Khan et al. filter reopens as its experiment has it.")
+    else:
+        words += setting_words(state)
+    if len(recording.names) > 1:
+        remarks.append("The other channels open at their starting values; the tuning file above keeps them all.")
+    join = subprocess.list2cmdline if os.name == "nt" else shlex.join
+    return ShareLine(join(words), tuple(remarks))
+
+
+def setting_words(state: State) -> list[str]:
+    """Q and r always, the rest where it differs from the starting values."""
+    tuning, start = state.tuning, state.start
+    words = [*option("q", repr(tuning.q)), *option("r", repr(tuning.r))]
+    by_value = tuning.p0 is not None
+    for name in ("momentum", "p0", "x0", "gate"):
+        value = getattr(tuning, name)
+        if value != getattr(start, name) and (name != "x0" or by_value):
+            words += option(name, AUTOMATIC[name] if value is None else repr(value))
+    return words if tuning.chain is None else [*words, *option("chain", chain_text(tuning.chain))]
+
+
+def reading_words(state: State) -> list[str]:
+    """How the file is to be read, where that was decided."""
+    words = () if state.typed_period is None else option("sample-period", repr(state.typed_period))
+    return [*words, *option_words(state.options)]
+
+
+def apply_options(state: State, channel: str | None, chain: str | None, **given: str | None) -> State:
+    """The state with the channel and the setting of the command line; what is None stays as it was opened.
+
+    Raises:
+        BadSetting: no such channel, not a number, not a chain, or values that no filter can have.
+    """
+    values: dict[str, float | Chain | None] = {
+        name: typed_value(name, text) for name, text in given.items() if text is not None
+    }
+    if values.get("p0", 0.0) is None:
+        values["x0"] = None
+    if chain is not None:
+        values["chain"] = typed_chain(chain)
+
+    def change(state: State) -> State:
+        if channel is not None:
+            state = select_channel(channel_named(state.recording, channel))(state)
+        return state.with_tuning(**values, paper=None, how="command line") if values else state
+
+    if values and state.live is not None and not state.live.settled:
+        state.with_tuning(**values)  # refuses now what no channel could have
+    return state if channel is None and not values else when_settled(state, change)

@@ -203,9 +203,7 @@ def _tuning_of(start: ChannelTuning, chosen: Filter) -> ChannelTuning:
         return replace(start, chain=None, paper=chosen)
     if not isinstance(chosen, StandardFilter):
         return start
-    params = chosen.params
-    p0, x0 = (None if value is None else float(value) for value in (params.p0, params.x0))
-    return ChannelTuning(start.name, start.unit, params.q, float(params.r), p0, x0, "source document")
+    return ChannelTuning.of_params(start.name, start.unit, chosen.params, "source document")
 
 
 def with_sample_period(state: State, period: float | None) -> State:
@@ -215,11 +213,9 @@ def with_sample_period(state: State, period: float | None) -> State:
         BadSetting: it is not a valid period.
     """
     recorded = state.as_read or state.recording
-    if period is None:
-        changed = replace(state, recording=recorded, typed_period=None, as_read=None)
-    else:
-        changed = replace(state, recording=timed(recorded, period), typed_period=period, as_read=recorded)
-    return replace(changed.with_reset_view(window=None), searched=None)
+    recording, as_read = (recorded, None) if period is None else (timed(recorded, period), recorded)
+    changed = replace(state, recording=recording, typed_period=period, as_read=as_read, searched=None)
+    return changed.with_reset_view(window=None)
 
 
 def timed(recording: Recording, sample_period: float) -> Recording:

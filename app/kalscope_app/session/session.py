@@ -10,7 +10,7 @@ from enum import StrEnum
 from typing import Protocol
 
 from kalscope.sources.live.source import LiveSource
-from kalscope_app.session.live_changes import refreshed, with_current_samples, without_samples
+from kalscope_app.session.changes import refreshed, with_current_samples, without_samples
 from kalscope_app.session.opening import with_firsts
 from kalscope_app.session.state import NO_CONNECTION, Change, ConnectionState, State
 
@@ -74,27 +74,17 @@ def _seen_as(present: State, other: State) -> State:
     view = present.view if same_record else replace(present.view, window=other.view.window)
     if not (same_record and present.channel == other.channel):
         view = replace(view, resets=view.resets + 1)
+    live = present.live if same_record else other.live  # following and pausing belong to the view
     now = with_firsts(other, present.firsts) if same_record else other
-    return replace(
-        now,
-        view=view,
-        live=present.live if same_record else other.live,  # following and pausing belong to the view
-        sent=present.sent,  # what a board has taken stays taken, and what it measured stays measured
-        calibration=present.calibration,
-        fleet=present.fleet,
-        note="",
-    )
+    # What a board has taken stays taken, and what it measured stays measured.
+    stays = {name: getattr(present, name) for name in ("sent", "calibration", "fleet")}
+    return replace(now, view=view, live=live, note="", **stays)
 
 
 def _within_limits(past: tuple[State, ...]) -> tuple[State, ...]:
-    kept: list[State] = []
-    seen: set[tuple[int, int]] = set()
-    for state in reversed(past[-LIMIT:]):
-        seen.add(state.record_key)
-        if len(seen) > RECORDINGS:
-            break
-        kept.append(state)
-    return tuple(reversed(kept))
+    keys = dict.fromkeys(state.record_key for state in reversed(past))
+    newest = list(keys)[:RECORDINGS]
+    return tuple(state for state in past[-LIMIT:] if state.record_key in newest)
 
 
 # The session: the present State, its history, and the requests that wait for the engine. No viser here.
@@ -199,25 +189,21 @@ class Session:
         if waiting:  # another board may be on screen now, or no longer be paused
             self._refresh()
         if self._boards is not None:
-            self._boards.look_at(self._board)
+            self._boards.look_at(self.board)
         return self._state, serial, failures
 
     def _refresh(self) -> None:
-        if self._boards is not None and self._board is not None:
-            self._state = refreshed(self._state, self._board.snapshot())
+        if self._boards is not None and self.board is not None:
+            self._state = refreshed(self._state, self.board.snapshot())
 
     @property
-    def _board(self) -> LiveSource | None:
+    def board(self) -> LiveSource | None:
+        """The board whose samples come in; None for a finished record."""
         return self._state.live and self._state.live.board
-
-    @property
-    def is_live(self) -> bool:
-        """Whether samples come in that the screen should show."""
-        return self._state.live is not None
 
     def connection(self) -> ConnectionState:
         """The state of the connection to the board on screen now."""
-        return NO_CONNECTION if self._boards is None else self._boards.state(self._board)
+        return NO_CONNECTION if self._boards is None else self._boards.state(self.board)
 
     def _apply(self, change: Change, key: str, now: float) -> None:
         present = without_samples(self._state)

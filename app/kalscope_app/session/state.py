@@ -65,10 +65,6 @@ class View:
     """How often the view was reset: a new number makes the charts forget their zoom."""
 
 
-AS_OPENED = View()
-"""The view at first."""
-
-
 # Settings kept beside the current one: pinned as A, B, C … with a colour, at most eight a channel.
 
 
@@ -232,27 +228,17 @@ def scaled_copy(leader: ChannelTuning, own: ChannelTuning, factor: float) -> Cha
 
     The start value x0 is taken over as it is, or, where the scale of the channels differs, left to the channel.
     """
-    p0 = None if leader.p0 is None else _scaled(leader.p0, factor)
-    x0 = leader.x0 if factor == 1.0 else own.x0
+    x0 = leader.x0 if factor == 1.0 or leader.p0 is None else own.x0
     chain = leader.chain
     if chain is not None and isinstance(chain.then, OneEuro):  # only it has a setting with a unit
         chain = replace(chain, then=replace(chain.then, beta=chain.then.beta / math.sqrt(factor)))
-    return replace(
-        leader,
-        name=own.name,
-        unit=own.unit,
-        paper=None,
-        q=_scaled(leader.q, factor),
-        r=_scaled(leader.r, factor),
-        p0=p0,
-        x0=None if p0 is None else x0,
-        chain=chain,
-    )
+    variances = {name: _scaled(getattr(leader, name), factor) for name in ("q", "r", "p0")}
+    return replace(leader, name=own.name, unit=own.unit, paper=None, x0=x0, chain=chain, **variances)
 
 
-def _scaled(variance: float, factor: float) -> float:
-    """The product; 0 stays 0 and nothing else becomes 0."""
-    if variance == 0.0 or factor == 1.0:
+def _scaled(variance: float | None, factor: float) -> float | None:
+    """The product; 0 stays 0 and nothing else becomes 0; None stays None."""
+    if not variance or factor == 1.0:
         return variance
     return min(max(variance * factor, 1e-300), MAX_VARIANCE)
 
@@ -428,7 +414,7 @@ class State:
     board_choice: str | None = ""
     """The channel said to be the board's own filtered curve; "" = by its name, None = there is none."""
 
-    view: View = AS_OPENED
+    view: View = View()
     """How it is shown."""
     searched: Outcome | None = None
     """The last search on the channel on screen, until a change of q, r, momentum or filter."""

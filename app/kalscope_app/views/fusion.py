@@ -19,8 +19,8 @@ from kalscope_app.session.changes import (
     set_sensor_text,
     set_taking_part,
     stop_fusing,
+    studied,
 )
-from kalscope_app.session.live_changes import studied
 from kalscope_app.session.session import Failed, Session
 from kalscope_app.session.state import MAX_SENSORS, Change, State
 from kalscope_app.studies.checks import Judged

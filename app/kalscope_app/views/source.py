@@ -39,8 +39,14 @@ from kalscope.tuning.tuning import Tuning
 from kalscope_app.engine.frame import Frame
 from kalscope_app.engine.jobs import Jobs
 from kalscope_app.guard.viser_private import take_upload
-from kalscope_app.session.changes import ENDING, at_device, set_sample_period, uploaded_settings, use_settings
-from kalscope_app.session.live_changes import WAITING
+from kalscope_app.session.changes import (
+    ENDING,
+    WAITING,
+    at_device,
+    set_sample_period,
+    uploaded_settings,
+    use_settings,
+)
 from kalscope_app.session.opening import opened, opened_experiment, with_sample_period
 from kalscope_app.session.session import Failed, Session
 from kalscope_app.session.state import Change, State

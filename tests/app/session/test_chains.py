@@ -12,10 +12,18 @@ from kalscope.tuning.file import dumps, loads
 from kalscope.tuning.tuning import chain_text, typed_chain
 from kalscope_app.engine.filter_runs import choose_samples
 from kalscope_app.engine.frame import compute_frame
-from kalscope_app.session.changes import pin_present, set_link, set_median, use_chain, use_settings, use_variant
+from kalscope_app.session.changes import (
+    apply_options,
+    pin_present,
+    set_link,
+    set_median,
+    share_line,
+    use_chain,
+    use_settings,
+    use_variant,
+)
 from kalscope_app.session.opening import opened
 from kalscope_app.session.session import Session
-from kalscope_app.session.share import apply_options, share_line
 from kalscope_app.session.state import SAME_LAG
 from kalscope_app.studies.comparisons import VariantTable
 from kalscope_app.views.variants import table_text

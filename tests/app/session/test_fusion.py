@@ -18,7 +18,9 @@ from kalscope_app.engine.frame import compute_frame
 from kalscope_app.session.changes import (
     apply_fusion,
     candidates,
+    opened_live,
     readings_of,
+    refreshed,
     reset_parameters,
     select_channel,
     sensor_limits,
@@ -30,7 +32,6 @@ from kalscope_app.session.changes import (
     set_text,
     stop_fusing,
 )
-from kalscope_app.session.live_changes import opened_live, refreshed
 from kalscope_app.session.opening import adapted, opened, opened_raw
 from kalscope_app.session.session import Session, redo, undo
 from kalscope_app.session.state import SAME_NUMBERS

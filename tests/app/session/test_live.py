@@ -15,20 +15,24 @@ from kalscope.tuning.tuning import ChannelTuning, Tuning
 from kalscope_app.engine.engine import Engine, Part
 from kalscope_app.engine.filter_runs import FilterRuns, choose_samples
 from kalscope_app.engine.frame import compute_frame
-from kalscope_app.session.changes import reset_parameters, set_board_channel, set_text, set_window, use_chain
-from kalscope_app.session.live_changes import (
+from kalscope_app.session.changes import (
     MAX_STUDIED,
     START_SAMPLES,
+    apply_options,
     follow,
     live_window,
     opened_live,
     refreshed,
+    reset_parameters,
+    set_board_channel,
     set_span,
+    set_text,
+    set_window,
     studied,
+    use_chain,
 )
 from kalscope_app.session.opening import opened
 from kalscope_app.session.session import Session, redo, undo
-from kalscope_app.session.share import apply_options
 from kalscope_app.session.state import ConnectionState
 
 

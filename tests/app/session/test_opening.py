@@ -15,13 +15,14 @@ from kalscope_app.engine.filter_runs import choose_samples
 from kalscope_app.engine.frame import compute_frame
 from kalscope_app.session.changes import (
     apply_found,
+    opened_live,
     pin_present,
+    refreshed,
     reset_parameters,
     select_channel,
     set_text,
     use_kalman_filter,
 )
-from kalscope_app.session.live_changes import opened_live, refreshed
 from kalscope_app.session.opening import opened, opened_experiment
 from kalscope_app.session.session import History, record
 from kalscope_app.studies.checks import compute_checks

@@ -33,7 +33,6 @@ from kalscope_app.session.changes import (
     pin_present,
     reset_parameters,
     select_channel,
-    set_automatic_start,
     set_exponent,
     set_link,
     set_momentum_position,
@@ -148,7 +147,7 @@ def test_a_slider_sets_three_digits_and_is_clamped(state, exponent, expected):
     ],
 )
 def test_typed_text_is_taken_exactly(state, name, text, value):
-    by_value = set_automatic_start(False)(state) if name == "x0" else state
+    by_value = set_text("p0", "1")(state) if name == "x0" else state
     assert getattr(set_text(name, text)(by_value).tuning, name) == value
 
 
@@ -216,7 +215,7 @@ def test_of_requests_with_one_key_only_the_last_is_left(state):
 
 def test_only_q_and_r_by_hand_end_how_they_were_found(state):
     found = state.with_tuning(how="maximum likelihood")
-    for change in (set_text("gate", "9"), set_text("p0", "1"), set_automatic_start(False), set_exponent("p0", 0.0)):
+    for change in (set_text("gate", "9"), set_text("p0", "1"), set_exponent("p0", 0.0)):
         assert change(found).tuning.how == "maximum likelihood"
     assert set_text("q", "1")(found).tuning.how == "by hand"
     assert reset_parameters(set_text("gate", "9")(found)).tuning.gate is None

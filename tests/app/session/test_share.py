@@ -13,13 +13,12 @@ from kalscope.sources.grammar.read_options import options_from_text
 from kalscope_app import commands as program
 from kalscope_app.session.changes import (
     select_channel,
-    set_automatic_start,
     set_momentum_position,
     set_sample_period,
     set_text,
+    share_line,
 )
 from kalscope_app.session.opening import opened, opened_experiment
-from kalscope_app.session.share import share_line
 
 
 class Stopped(Exception):
@@ -73,7 +72,7 @@ CHANGES = [
     [set_text("q", "2"), set_text("momentum", "12.345678901234567"), set_text("gate", "9")],
     [set_momentum_position(3.21), set_momentum_position(0.0)],
     [lambda state: select_channel(state.recording.names[-1])(state), set_text("q", "7")],
-    [set_automatic_start(False), set_automatic_start(True)],
+    [set_text("p0", "1"), set_text("p0", "automatic")],
 ]
 
 
@@ -96,7 +95,7 @@ def test_the_line_reopens_file_channel_and_setting(changes, reopen, tmp_path, mo
 def test_an_experiment_reopens_as_its_figure_and_as_it_was_changed(name, reopen):
     state = opened_experiment(f"experiment:{name}")
     assert essence(reopen(share_line(state).line)) == essence(state)
-    tuned = set_automatic_start(True)(set_text("r", "3")(state.with_standard_filter()))
+    tuned = set_text("p0", "automatic")(set_text("r", "3")(state.with_standard_filter()))
     again = reopen(share_line(tuned).line)
     assert essence(again) == essence(tuned)
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from kalscope import FilterParams, Recording, estimate, log_likelihood, steady_state, synthesize
-from kalscope_app.session.changes import set_automatic_start, set_exponent, set_point, set_text, set_window
+from kalscope_app.session.changes import set_exponent, set_point, set_text, set_window
 from kalscope_app.session.opening import opened
 from kalscope_app.studies.tuning_map import TUNING_MAP_CELLS, MapFrame, MapMaker, cell_exponents, lag_lines
 
@@ -58,7 +58,7 @@ def test_the_map_widens_for_a_point_outside_and_not_for_one_at_its_edge():
 def test_what_the_map_leaves_out_is_said():
     state = opened(walk())
     assert MapMaker()(state).note == ""
-    assert "initial variance p0" in MapMaker()(set_automatic_start(False)(state)).note
+    assert "initial variance p0" in MapMaker()(set_text("p0", "1")(state)).note
     assert "outlier gate" in MapMaker()(state.with_tuning(gate=9.0)).note
 
 

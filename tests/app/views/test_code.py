@@ -13,10 +13,9 @@ import pytest
 
 from kalscope import BadSetting, Recording, export_tuning
 from kalscope.estimation.request import Noise, Request, find_parameters
-from kalscope_app.session.changes import apply_found, pin_present, set_text
+from kalscope_app.session.changes import apply_found, pin_present, set_text, share_line
 from kalscope_app.session.opening import opened, opened_experiment
 from kalscope_app.session.session import History, record, step
-from kalscope_app.session.share import share_line
 from kalscope_app.views.export import (
     GAPS,
     TITLES,
