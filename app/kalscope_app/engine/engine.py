@@ -189,9 +189,6 @@ MIN_INTERVAL = 0.04
 LIVE_INTERVAL = 0.045
 """Seconds between two frames of a live record: 22 a second."""
 
-SILENT_INTERVAL = 0.2
-"""Seconds between two polls of a board that sends nothing: each poll costs time, and nothing is waiting."""
-
 MAX_LIVE_POINTS = 2000
 """Points that a line is drawn with while a board sends, at most: every frame draws all of them again."""
 
@@ -270,10 +267,7 @@ class Engine:
 
     def _tick(self) -> float:
         """When a live board is polled again without a request; inf for a finished record."""
-        if self._session.board is None:
-            return math.inf
-        silent = time.monotonic() - self._news_at > SETTLING
-        return self._begun + (SILENT_INTERVAL if silent else LIVE_INTERVAL)
+        return math.inf if self._session.board is None else self._begun + LIVE_INTERVAL
 
     def _wait_for_frame(self, now: float) -> bool:
         """Wait until a new frame is due, or a part of the last one; True for a new frame."""

@@ -156,7 +156,7 @@ def apply_found(state: State, recording: Recording, channel: str, found: FitResu
         return replace(state, note=f"The search ended {TOO_LATE}")
     at, params = recording.index(channel), found.params
     before = state.tunings[at]
-    outcome = Outcome(found.how, found.message, before, None, found.estimate, found.request)
+    outcome = Outcome(**vars(found), before=before, after=None)
     if params is None:
         return replace(state, searched=outcome)
     by_hand = before not in (state.searched and state.searched.after, *(one.after for one in state.firsts))

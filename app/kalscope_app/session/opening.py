@@ -103,7 +103,7 @@ def not_fitted(recording: Recording, name: str) -> Outcome:
     """A harmless filter, until there is a better one."""
     r = noise_scale(recording.channel(name))
     start = ChannelTuning(name, recording.units[recording.index(name)], r, r, how=NOT_FITTED)
-    return Outcome(NOT_FITTED, "", start, start)
+    return Outcome(None, NOT_FITTED, "", before=start, after=start)
 
 
 def with_first_answer(state: State) -> State:
@@ -142,7 +142,7 @@ def first_answer(recording: Recording, name: str, most: int = MOST_FITTED) -> Ou
     found = find_parameters(recording.channel(name)[part], dt=dt, sample_period=recording.sample_period)
     assert found.params is not None
     start = ChannelTuning.of_params(name, recording.units[recording.index(name)], found.params, found.how)
-    return Outcome(found.how, found.message, start, start, found.estimate, found.request, found.costs)
+    return Outcome(**vars(found), before=start, after=start)
 
 
 def adapted(state: State, tuning: Tuning) -> State:

@@ -16,9 +16,8 @@ from numpy.typing import NDArray
 from kalscope.common.numbers import Array, Indices
 from kalscope.common.text import trimmed
 from kalscope.errors import BadSetting
-from kalscope.estimation.request import Request
+from kalscope.estimation.request import FitResult
 from kalscope.estimation.result import Estimate
-from kalscope.estimation.settings import Cost
 from kalscope.export.board import Calibrated, Measurement
 from kalscope.export.float32 import Float32Params
 from kalscope.filtering.classic import OneEuro
@@ -359,24 +358,17 @@ class Fusion:
 # What the user has chosen, as one frozen State.
 
 
-@dataclass(frozen=True)
-class Outcome:
-    """What the last search for q and r gave on one channel."""
+@dataclass(frozen=True, kw_only=True)
+class Outcome(FitResult):
+    """What a search for q and r gave on one channel, and what became of it.
 
-    how: str
-    """How it was searched, in a few words."""
-    message: str
-    """What was found and what it means."""
+    Its goal holds as long as the outcome, which a change of q, r or momentum drops.
+    """
+
     before: ChannelTuning
     """The parameters before."""
     after: ChannelTuning | None
     """The parameters now; None where nothing usable was found and nothing changed."""
-    estimate: Estimate | None = None
-    """The estimate behind it; None where the parameters were chosen."""
-    request: Request | None = None
-    """What was asked for; the goal holds as long as the outcome, which a change of q, r or momentum drops."""
-    costs: tuple[Cost, ...] = ()
-    """What each lag leaves of the noise and loses of the movement; () where that is not known."""
 
 
 @dataclass(frozen=True)

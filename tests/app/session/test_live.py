@@ -174,7 +174,7 @@ def test_the_boards_own_filter_is_drawn_and_compared():
 
 @pytest.mark.slow
 def test_a_silent_board_is_drawn_again_only_when_its_status_changes(board, monkeypatch):
-    for name, seconds in (("SETTLING", 0.0), ("STATUS_INTERVAL", 0.0), ("SILENT_INTERVAL", 0.01)):
+    for name, seconds in (("SETTLING", 0.0), ("STATUS_INTERVAL", 0.0), ("LIVE_INTERVAL", 0.01)):
         monkeypatch.setattr(f"kalscope_app.engine.engine.{name}", seconds)
     frames, looks = [], board.looked_at
 
