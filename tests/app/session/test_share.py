@@ -11,13 +11,8 @@ import pytest
 from kalscope import open_source
 from kalscope.sources.grammar.read_options import options_from_text
 from kalscope_app import commands as program
-from kalscope_app.session.changes import (
-    select_channel,
-    set_momentum_position,
-    set_sample_period,
-    set_text,
-    share_line,
-)
+from kalscope_app.session import changes
+from kalscope_app.session.changes import select_channel, set_sample_period, set_text, share_line
 from kalscope_app.session.opening import opened, opened_experiment
 
 
@@ -70,7 +65,7 @@ CHANGES = [
     [set_text("q", "0"), set_text("r", "2")],
     [set_text("r", "0")],
     [set_text("q", "2"), set_text("momentum", "12.345678901234567"), set_text("gate", "9")],
-    [set_momentum_position(3.21), set_momentum_position(0.0)],
+    [changes.set_momentum_position(3.21), changes.set_momentum_position(0.0)],
     [lambda state: select_channel(state.recording.names[-1])(state), set_text("q", "7")],
     [set_text("p0", "1"), set_text("p0", "automatic")],
 ]
