@@ -72,12 +72,15 @@ DECADES = {"q": (-8, 3), "r": (-5, 4), "p0": (-6, 6)}
 """Range of each slider, in decades around the starting r of the channel."""
 
 
-def slider_limits(state: State, name: str) -> tuple[int, int]:
-    """Lowest and highest exponent of a slider: around the signal's own noise, wider if the value is outside."""
-    return _limits(name, state.start.r, getattr(state.tuning, name))
+def slider_limits(state: State, name: str, sensor: str = "") -> tuple[int, int]:
+    """Lowest and highest exponent of a slider: around the signal's own noise, wider if the value is outside.
 
-
-def _limits(name: str, noise: float, value: float | None) -> tuple[int, int]:
+    With `sensor` it is the slider of the r of that sensor.
+    """
+    noise, value = state.start.r, getattr(state.tuning, name)
+    if sensor:
+        fusion, at = _fusion_of(state, sensor)
+        noise, value = fusion.start.r[at], fusion.tuning.r[at]
     centre = round(math.log10(noise)) if noise > 0.0 else 0
     low, high = (centre + end for end in DECADES[name])
     if value:
@@ -86,12 +89,13 @@ def _limits(name: str, noise: float, value: float | None) -> tuple[int, int]:
 
 
 @requested
-def set_exponent(state: State, name: str, exponent: float) -> State:
-    """A slider was moved: q, r or p0 becomes 10^exponent; moving p0 means a start by value."""
+def set_exponent(state: State, name: str, exponent: float, sensor: str = "") -> State:
+    """A slider was moved: q, r or p0, or r of a sensor, becomes 10^exponent; moving p0 means a start by value."""
     if not math.isfinite(exponent):
         return state
-    low, high = slider_limits(state, name)
-    return _by_hand(state, name, _rounded(10.0 ** min(max(exponent, low), high)))
+    low, high = slider_limits(state, name, sensor)
+    value = _rounded(10.0 ** min(max(exponent, low), high))
+    return set_sensor_text(sensor, name, str(value))(state) if sensor else _by_hand(state, name, value)
 
 
 @requested
@@ -263,13 +267,18 @@ def use_kalman_filter(state: State) -> State:
 @requested
 def set_median(state: State, words: str) -> State:
     """Put a median before the filter that runs, or none."""
-    chain, window = state.tuning.chain, MEDIANS.get(words)
+    chain = state.tuning.chain
     if words == median_words(1 if chain is None else chain.median):
         return state
-    if window is None:
-        raise BadSetting(f"the median must be one of {', '.join(MEDIANS)} (got {words[:40]!r})")
-    then = chain and chain.then
+    _require("the median", words, MEDIANS)
+    then, window = chain and chain.then, MEDIANS[words]
     return state.with_tuning(chain=None if window == 1 and then is None else Chain(window, then))
+
+
+def _require(what: str, choice: str, choices: Collection[str]) -> None:
+    """BadSetting where it is none of the choices."""
+    if choice not in choices:
+        raise BadSetting(f"{what} must be one of {', '.join(choices) or 'none'} (got {str(choice)[:40]!r})")
 
 
 # Changes of the channels: which is on screen, which are linked, whose settings are copied.
@@ -299,8 +308,7 @@ def channel_named(recording: Recording, text: str) -> str:
 @requested
 def set_link(state: State, link: str) -> State:
     """Tune this channel alone or all together; all then take the present one's setting at once."""
-    if link not in LINKS:
-        raise BadSetting(f"the way of tuning channels must be one of {', '.join(LINKS)} (got {link[:40]!r})")
+    _require("the way of tuning channels", link, LINKS)
     own = state.tunings[state.index]  # not the fused value, which may be on screen
     return replace(state, link=link).with_tuning_of(state.index, own)
 
@@ -380,7 +388,7 @@ def stop_fusing(state: State) -> State:
 @requested
 def set_taking_part(state: State, sensor: str, takes_part: bool) -> State:
     """A sensor drops out, or is taken in again; BadSetting for the last one."""
-    fusion = _fusion_of(state, sensor)
+    fusion, _ = _fusion_of(state, sensor)
     dropped = fusion.dropped - {sensor} if takes_part else fusion.dropped | {sensor}
     if len(dropped) == len(fusion.tuning.sensors):
         raise BadSetting(f"at least one sensor must take part (got {sensor[:40]!r}, the last one, dropped out)")
@@ -388,37 +396,22 @@ def set_taking_part(state: State, sensor: str, takes_part: bool) -> State:
 
 
 @requested
-def set_sensor_exponent(state: State, sensor: str, exponent: float) -> State:
-    """The slider of a sensor's noise was moved: its r becomes 10^exponent, to three digits."""
-    if not math.isfinite(exponent):
-        return state
-    low, high = sensor_limits(_fusion_of(state, sensor), sensor)
-    return set_sensor_text(sensor, "r", str(_rounded(10.0 ** min(max(exponent, low), high))))(state)
-
-
-@requested
 def set_sensor_text(state: State, sensor: str, name: str, text: str) -> State:
     """An exact r or offset of a sensor was typed."""
-    fusion = _fusion_of(state, sensor)
+    fusion, at = _fusion_of(state, sensor)
     value = 0.0 if name == "offset" and not text.strip() else typed_number(f"{name} of {sensor[:40]}", text)
-    each = dict(zip(fusion.tuning.sensors, getattr(fusion.tuning, name), strict=True))
-    if each[sensor] == value:
+    each = getattr(fusion.tuning, name)
+    if each[at] == value:
         return state
-    values = {name: tuple((each | {sensor: value}).values())}
+    values = {name: (*each[:at], value, *each[at + 1 :])}
     return state.with_fusion(replace(fusion, tuning=replace(fusion.tuning, **values, how="by hand")))
 
 
-def sensor_limits(fusion: Fusion, sensor: str) -> tuple[int, int]:
-    """Lowest and highest exponent of the slider of a sensor's r: around what was found, wider if r is outside."""
-    at = fusion.tuning.sensors.index(sensor)
-    return _limits("r", fusion.start.r[at], fusion.tuning.r[at])
-
-
-def _fusion_of(state: State, sensor: str) -> Fusion:
-    """The fused filter; BadSetting where it does not have this sensor."""
+def _fusion_of(state: State, sensor: str) -> tuple[Fusion, int]:
+    """The fused filter and the index of a sensor; BadSetting where it does not have this sensor."""
     if state.fused is None or sensor not in state.fused.tuning.sensors:
         raise BadSetting(f"the sensor must be one of those that are fused (got {sensor[:40]!r})")
-    return state.fused
+    return state.fused, state.fused.tuning.sensors.index(sensor)
 
 
 # Changes of the open fleet, and the step from one of its devices to the recording on screen.
@@ -437,8 +430,7 @@ def close_fleet(state: State) -> State:
 
 def set_fleet_order(order: str) -> Change:
     """Sort the devices in another way."""
-    if order not in ORDERS:
-        raise BadSetting(f"sort by must be one of {', '.join(ORDERS)} (got {str(order)[:40]!r})")
+    _require("sort by", order, ORDERS)
     return _set_fleet("order", str, order)
 
 
@@ -504,11 +496,9 @@ def delete_variant(state: State, name: str) -> State:
 
 
 def _variant(state: State, name: str) -> Variant:
-    for variant in state.variants:
-        if variant.name == name:
-            return variant
-    choices = ", ".join(variant.name for variant in state.variants) or "none, nothing is pinned"
-    raise BadSetting(f"variant must be one of {choices} (got {name[:40]!r})")
+    named = {one.name: one for one in state.variants}
+    _require("variant", name, named)
+    return named[name]
 
 
 # Changes of the view: the window, the theme, the map, what is drawn beside the signal.
@@ -555,8 +545,7 @@ set_drawn_alternative = partial(_set_view, "drawn_alternative", lambda name: str
 @requested
 def set_search_method(state: State, method: str, methods: Collection[str]) -> State:
     """Search q and r by another method, one of `methods`."""
-    if method not in methods:
-        raise BadSetting(f"the way to find q and r must be one of {', '.join(methods)} (got {str(method)[:40]!r})")
+    _require("the way to find q and r", method, methods)
     return state.with_view(search_method=method)
 
 
@@ -809,8 +798,7 @@ def set_paused(state: State, paused: bool) -> State:
 @requested
 def set_span(state: State, words: str) -> State:
     """Choose the length of the window that follows, by its label."""
-    if words not in SPANS:
-        raise BadSetting(f"the live window must be one of {', '.join(SPANS)} (got {words[:40]!r})")
+    _require("the live window", words, SPANS)
     after = state.with_live(span=SPANS[words], following=True)  # a paused screen stays so
     return after.with_reset_view(window=None) if state.live else state
 

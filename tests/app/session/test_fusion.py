@@ -80,7 +80,7 @@ def test_a_sensor_that_drops_out_changes_line_shares_and_no_other_sensor(state):
 
 
 def test_noise_and_offset_of_a_sensor_are_set_by_slider_and_by_text(state):
-    moved = changes.set_sensor_exponent("b", -1.0)(state)
+    moved = changes.set_exponent("r", -1.0, "b")(state)
     assert moved.fusion.tuning.r == (1.0, 0.1, 4.0)
     assert moved.fusion.tuning.how == "by hand"
     typed = changes.set_sensor_text("c", "offset", "2.5")(changes.set_sensor_text("c", "r", "9")(state))
@@ -95,8 +95,8 @@ def test_noise_and_offset_of_a_sensor_are_set_by_slider_and_by_text(state):
 
 @pytest.mark.parametrize("position", [-1e9, 1e9, 400.0, math.nan, math.inf])
 def test_whatever_a_slider_sends_stays_within_its_ends(state, position):
-    low, high = changes.sensor_limits(state.fusion, "a")
-    moved = changes.set_sensor_exponent("a", position)(state)
+    low, high = changes.slider_limits(state, "r", "a")
+    moved = changes.set_exponent("r", position, "a")(state)
     assert 10.0**low <= moved.fusion.tuning.r[0] <= 10.0**high
 
 
@@ -125,7 +125,7 @@ def test_a_channel_and_the_fused_value_are_chosen_by_name(state):
 
 def test_each_gesture_is_undone_and_done_again(state):
     fuse_again = apply_fusion(state.recording, SENSORS, params(), "maximum likelihood")
-    drop, noise = set_taking_part("a", False), changes.set_sensor_exponent("b", -1.0)
+    drop, noise = set_taking_part("a", False), changes.set_exponent("r", -1.0, "b")
     session = Session(opened(state.recording))
     seen = [session.apply_requests()[0]]
     for gesture in (fuse_again, drop, noise, select_channel("b"), stop_fusing):
