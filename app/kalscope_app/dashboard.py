@@ -53,13 +53,7 @@ WARM_UP_AFTER_S = 2.0
 class Dashboard:
     """Views, session and engine on one server."""
 
-    def __init__(
-        self,
-        server: viser.ViserServer,
-        state: State,
-        folder: Path,
-        log_file: Path | None = None,
-    ) -> None:
+    def __init__(self, server: viser.ViserServer, state: State, folder: Path, log_file: Path | None = None) -> None:
         """Build every view; nothing is shown yet.
 
         Args:

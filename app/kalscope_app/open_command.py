@@ -97,13 +97,7 @@ def open_dashboard(
         serve(state, start, running_log, browser=browser)
 
 
-def serve(
-    state: State,
-    start_server: Callable[..., GuardedServer],
-    log: Log,
-    *,
-    browser: bool,
-) -> None:
+def serve(state: State, start_server: Callable[..., GuardedServer], log: Log, *, browser: bool) -> None:
     """Show `state` in a dashboard until a signal ends it; `start_server` needs only `on_refused`."""
     from kalscope.common.compiled import watch_compiling
     from kalscope_app.guard.requests import opening_page

@@ -12,14 +12,7 @@ from tsdownsample import MinMaxLTTBDownsampler
 
 from kalscope.common.numbers import Array
 from kalscope.filtering.classic import ChainFilter
-from kalscope.filtering.filter import (
-    Filter,
-    FilterResult,
-    GrowingRun,
-    StandardFilter,
-    filter_at,
-    kalman_filter,
-)
+from kalscope.filtering.filter import Filter, FilterResult, GrowingRun, StandardFilter, filter_at, kalman_filter
 from kalscope.filtering.steady import SteadyState
 from kalscope.recording import Recording
 from kalscope_app.session.state import State
@@ -192,14 +185,13 @@ def choose_indices(z: Array, truth: Array | None = None, limit: int = MAX_POINTS
     return np.unique(np.concatenate(chosen)).astype(np.intp)
 
 
-def _downsample(y: Array, points: int) -> NDArray[np.intp]:
+def _downsample(y: Array, points: int) -> NDArray[np.uint64]:
     """MinMaxLTTB; missing samples are held at their last value for the choice."""
     if np.isnan(y).any():
         known = np.where(np.isnan(y), 0, np.arange(len(y)))
         y = np.nan_to_num(y[np.maximum.accumulate(known)])
     downsampler = cast("Any", MinMaxLTTBDownsampler())  # its stubs leave the types of the arguments open
-    chosen: NDArray[np.uint64] = downsampler.downsample(np.ascontiguousarray(y), n_out=points)
-    return np.unique(chosen).astype(np.intp)
+    return downsampler.downsample(np.ascontiguousarray(y), n_out=points)
 
 
 # The runs of the filters over the record on screen, kept between frames; those of a live record are continued.

@@ -23,9 +23,6 @@ from kalscope.tuning.choose import adapt_tuning, name_of_fused
 from kalscope.tuning.tuning import ChannelTuning, Tuning, same_period
 from kalscope_app.session.state import Fusion, Outcome, State
 
-MAX_NAMED = 3
-"""Channels that a note names."""
-
 SAME_RATE = 0.05
 """Share by which a board's measured sample period may differ from that of a tuning file before q is rescaled."""
 
@@ -37,9 +34,6 @@ MOST_CHANNELS, NOT_FITTED = 24, "not fitted yet"
 
 FEW_CHANNELS, FEW_READINGS = 4, 20_000
 """Channels, and readings of all of them, up to which all are fitted before the first picture."""
-
-ChannelKey = tuple[str, str]
-"""Name and unit: what must be the same for settings to stay."""
 
 
 def opened(recording: Recording, before: State | None = None, firsts: tuple[Outcome, ...] | None = None) -> State:
@@ -90,13 +84,9 @@ def _with_what_stays(fresh: State, before: State) -> State:
     )
 
 
-def _key(tuning: ChannelTuning) -> ChannelKey:
+def _key(tuning: ChannelTuning) -> tuple[str, str]:
+    """Name and unit: what must be the same for settings to stay."""
     return tuning.name, tuning.unit
-
-
-def _listed(names: list[str]) -> str:
-    more = f" and {len(names) - MAX_NAMED} more" if len(names) > MAX_NAMED else ""
-    return ", ".join(one_line(name)[:40] for name in names[:MAX_NAMED]) + more
 
 
 def not_fitted(recording: Recording, name: str) -> Outcome:
@@ -177,7 +167,8 @@ def _with_fusion_of(tuning: Tuning, state: State) -> tuple[State, str]:
     name = name_of_fused(state.recording) if fused.name in state.recording.names else fused.name
     fused = replace(fused, name=name)
     if not set(fused.sensors) <= set(state.recording.names):
-        return state, f"The sensors that the file fuses are not all here: {_listed(list(fused.sensors))}."
+        names = ", ".join(map(one_line, fused.sensors))[:120]
+        return state, f"The sensors that the file fuses are not all here: {names}."
     return state.with_fusion(Fusion(fused, fused)), ""
 
 

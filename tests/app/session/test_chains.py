@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from frames import frame_of
 
 from kalscope.errors import BadSetting
 from kalscope.filtering.classic import Butterworth, Chain, Exponential, Median, MovingAverage, OneEuro
 from kalscope.recording import Recording
 from kalscope.tuning.file import dumps, loads
 from kalscope.tuning.tuning import chain_text, typed_chain
-from kalscope_app.engine.filter_runs import choose_samples
-from kalscope_app.engine.frame import compute_frame
 from kalscope_app.session import changes
 from kalscope_app.session.changes import pin_present, set_median, use_chain, use_variant
 from kalscope_app.session.opening import opened
@@ -36,10 +35,6 @@ def recording():
 @pytest.fixture
 def state(recording):
     return opened(recording)
-
-
-def frame_of(state):
-    return compute_frame(state, 0, choose_samples(state.recording, state.channel, None))
 
 
 @pytest.mark.slow

@@ -8,13 +8,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from feed import Board
+from frames import frame_of
 
 from kalscope import BadSetting, Recording, load_tuning, save_tuning
 from kalscope.filtering.filter import GrowingRun, fuse
 from kalscope.filtering.params import FilterParams
 from kalscope.tuning.tuning import ChannelTuning
-from kalscope_app.engine.filter_runs import FilterRuns, choose_samples
-from kalscope_app.engine.frame import compute_frame
+from kalscope_app.engine.filter_runs import FilterRuns
 from kalscope_app.session import changes
 from kalscope_app.session.changes import apply_fusion, select_channel, set_taking_part, set_text, stop_fusing
 from kalscope_app.session.opening import adapted, opened, opened_raw
@@ -39,12 +39,6 @@ def params():
 def state():
     rec = recording()
     return apply_fusion(rec, SENSORS, params(), "maximum likelihood")(opened(rec))
-
-
-def frame_of(state, runs=None):
-    channel, *others = state.measured
-    drawn = choose_samples(state.recording, channel, state.view.window, others=tuple(others))
-    return compute_frame(state, 0, drawn, runs)
 
 
 def test_one_sensor_and_sensors_of_two_units_are_refused():
@@ -171,9 +165,8 @@ def test_of_a_live_record_only_new_rows_are_fused_and_the_line_is_that_of_all(mo
     for sent, first in ((0, 0), (20, 0), (7, 100), (0, 100)):
         board.first = first
         state = changes.refreshed(state, board.send(sent, seed=9).snapshot())
-        drawn = choose_samples(state.recording, "a", None, others=("b", "c"))
         whole = fuse(board.values, params()).x
-        assert np.array_equal(compute_frame(state, 0, drawn, runs).filtered, whole[first:])
+        assert np.array_equal(frame_of(changes.set_span("all")(state), runs).filtered, whole[first:])
     assert taken == [500, 20, 7, 0]
     assert state.fusion is not None
 

@@ -7,14 +7,14 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from feed import Board
+from frames import frame_of
 from waiting import wait_until
 
 from kalscope import BadSetting, Recording, kalman_filter, starting_params
 from kalscope.filtering.classic import Chain, OneEuro
 from kalscope.tuning.tuning import ChannelTuning, Tuning
 from kalscope_app.engine.engine import Engine, Part
-from kalscope_app.engine.filter_runs import FilterRuns, choose_samples
-from kalscope_app.engine.frame import compute_frame
+from kalscope_app.engine.filter_runs import FilterRuns
 from kalscope_app.session import changes
 from kalscope_app.session.changes import apply_options, live_window, opened_live, refreshed, set_span, set_text
 from kalscope_app.session.opening import opened
@@ -25,11 +25,6 @@ from kalscope_app.session.state import ConnectionState
 @pytest.fixture
 def board():
     return Board()
-
-
-def frame_of(state, runs=None):
-    drawn = choose_samples(state.recording, state.channel, live_window(state))
-    return compute_frame(state, 0, drawn, runs, connection=Board().state())
 
 
 def opened_board(board, tuning=None):
@@ -114,8 +109,7 @@ def test_undo_takes_back_the_tuning_and_leaves_the_samples(board):
     assert not any(len(kept.recording) > 2 for kept in session._history.past)
 
 
-@pytest.mark.parametrize("back", [1, 2])
-def test_later_requests_of_the_turn_that_returns_to_a_board_see_its_samples(board, back):
+def test_later_requests_of_the_turn_that_returns_to_a_board_see_its_samples(board):
     session = Session(opened_board(board.send(500)), board)
     session.apply_requests()
     session.request(set_text("q", "7"))
@@ -123,14 +117,12 @@ def test_later_requests_of_the_turn_that_returns_to_a_board_see_its_samples(boar
     session.request(lambda state: opened(other, state))
     session.apply_requests()
     seen = []
-    for _ in range(back):
-        session.request(undo)
-    session.with_state(seen.append)
-    session.request(redo if back == 2 else undo)
-    session.with_state(seen.append)
+    for change in (undo, undo, redo):
+        session.request(change)
+        session.with_state(seen.append)
     state, _, failures = session.apply_requests()
-    assert [len(at.recording) for at in (*seen, state)] == [500] * 3
-    assert (state.tuning.q == 7.0, failures) == (back == 2, [])
+    assert [len(at.recording) for at in (*seen, state)] == [500] * 4
+    assert (state.tuning.q, failures) == (7.0, [])
 
 
 def test_the_boards_own_filter_is_drawn_and_compared():

@@ -7,22 +7,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from feed import Board
+from frames import frame_of
 
 from kalscope import FilterParams, Recording
 from kalscope.estimation.request import FitResult
 from kalscope.papers.reproduction import list_experiments, open_experiment
-from kalscope_app.engine.filter_runs import choose_samples
-from kalscope_app.engine.frame import compute_frame
 from kalscope_app.session import changes
 from kalscope_app.session.changes import pin_present, refreshed, reset_parameters, select_channel, set_text
 from kalscope_app.session.opening import opened, opened_experiment
 from kalscope_app.session.session import History, record
 from kalscope_app.studies.checks import compute_checks
 from kalscope_app.views.tune import table
-
-
-def frame_of(state):
-    return compute_frame(state, 0, choose_samples(state.recording, state.channel, None))
 
 
 @pytest.mark.slow

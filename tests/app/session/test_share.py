@@ -54,7 +54,6 @@ def files(folder):
     for name in ("plain.csv", 'it\'s a log $(x) `y` & "z".csv', "-dash.csv", "ü ß.csv"):
         (folder / name).write_text("t,a b's,$x\n" + rows)
         yield name
-    (folder / "untimed.csv").write_text("z\n" + "".join(f"{i % 7}\n" for i in range(60)))
 
 
 CHANGES = [
@@ -68,6 +67,8 @@ CHANGES = [
     [changes.set_momentum_position(3.21), changes.set_momentum_position(0.0)],
     [lambda state: select_channel(state.recording.names[-1])(state), set_text("q", "7")],
     [set_text("p0", "1"), set_text("p0", "automatic")],
+    [set_sample_period("0.02"), set_sample_period("5")],
+    [set_sample_period("0.02"), set_sample_period("")],
 ]
 
 
@@ -106,16 +107,3 @@ def test_how_the_file_was_read_comes_along(reopen, tmp_path, monkeypatch):
     timed = options_from_text(time_column="t", time_unit="ms", gaps="dt")
     state = replace(opened(open_source(name, timed)), options=timed)
     assert essence(reopen(share_line(state).line)) == essence(state)
-
-
-@pytest.mark.slow
-def test_a_sample_period_that_was_typed_comes_along(reopen, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    list(files(tmp_path))
-    state = set_sample_period("0.02")(opened(open_source("untimed.csv")))
-    assert "--sample-period 0.02" in share_line(state).line
-    assert essence(reopen(share_line(state).line)) == essence(state)
-    again = set_sample_period("5")(state)
-    assert "--sample-period 5.0" in share_line(again).line
-    assert essence(reopen(share_line(again).line)) == essence(again)
-    assert "--sample-period" not in share_line(set_sample_period("")(again)).line
