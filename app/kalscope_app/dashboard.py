@@ -7,6 +7,7 @@ import gc
 import logging
 import threading
 from collections.abc import Callable, Collection
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -52,13 +53,7 @@ WARM_UP_AFTER_S = 2.0
 class Dashboard:
     """Views, session and engine on one server."""
 
-    def __init__(
-        self,
-        server: viser.ViserServer,
-        state: State,
-        folder: Path,
-        log_file: Path | None = None,
-    ) -> None:
+    def __init__(self, server: viser.ViserServer, state: State, folder: Path, log_file: Path | None = None) -> None:
         """Build every view; nothing is shown yet.
 
         Args:
@@ -194,8 +189,9 @@ class Dashboard:
 
     def _keep_tuning(self, state: State) -> None:
         """Keep the filters of the file on screen for the next start, if they have changed."""
-        if state.live is None and state.settings is not self._written and Path(state.recording.source).is_file():
-            self._written = state.settings
+        kept = state.recording.source, state.tunings, state.fused
+        if state.live is None and kept != self._written and Path(state.recording.source).is_file():
+            self._written = kept
             self._kept.keep(state.as_tuning())
 
     def stop(self) -> None:
@@ -223,22 +219,21 @@ class Dashboard:
         self._server.flush()
         if Part.NUMBERS in parts:
             self._draw(frame, self._phones.show)
-        if frame.state.answers.note != self._note:
-            self._note = frame.state.answers.note
+        if frame.state.note != self._note:
+            self._note = frame.state.note
             if self._note:
                 self.notifications.tell(self._note, good=True)
 
     def _show_numbers(self, frame: Frame) -> None:
-        for view in self._header, self._verdict, self._goal, self._parameters, self._more, self._chain:
-            self._draw(frame, view.show)
-        self._draw(frame, self._fusion.show, self._map.follow)
+        views = self._header, self._verdict, self._goal, self._parameters, self._more, self._chain, self._fusion
+        self._draw(frame, *(view.show for view in views), self._map.follow)
 
     def _show_other(self, frame: Frame) -> None:
-        for view in self._view, self._question, self._window, self._source, self._live:
-            self._draw(frame, view.show)
+        views = self._view, self._question, self._window, self._source, self._live
+        self._draw(frame, *(view.show for view in views))
         if self._last is None or not only_grown(self._last, frame):
-            for view in self._variants, self._channels, self._code, self._board, self._command_line:
-                self._draw(frame, view.show)
+            views = self._variants, self._channels, self._code, self._board, self._command_line
+            self._draw(frame, *(view.show for view in views))
         self._draw(frame.state.fleet, self._fleet.show)
         self._commands.show()
         self._last = frame
@@ -295,5 +290,6 @@ class Dashboard:
 def only_grown(last: Frame, frame: Frame) -> bool:
     """Whether a live record has new samples and nothing else is new, not even a request that was refused."""
     old, new = last.state, frame.state
-    same = old.settings is new.settings and old.view is new.view and old.answers is new.answers
-    return same and last.serial == frame.serial and old.live is not None and new.live is not None
+    others = {one.name for one in fields(State)} - {"recording", "live"}
+    same = all(getattr(old, name) is getattr(new, name) for name in others)
+    return same and last.serial == frame.serial and None not in (old.live, new.live)

@@ -20,7 +20,7 @@ from kalscope.sources.live.source import LiveSource, RecordingStatus
 from kalscope.sources.port.registry import PortSpec, port_of
 from kalscope.sources.recorder import RecorderCounts, first_free
 from kalscope_app.engine.jobs import Jobs
-from kalscope_app.session.live_changes import opened_live
+from kalscope_app.session.changes import opened_live
 from kalscope_app.session.session import Failed, Session
 from kalscope_app.session.state import BoardCalibration, ConnectionState, Sent, State
 

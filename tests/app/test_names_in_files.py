@@ -23,8 +23,8 @@ from kalscope.sources.reading.columns import Column
 from kalscope.sources.reading.sniffer import Layout
 from kalscope.sources.recorder import header_line, preamble, rejects_lines
 from kalscope_app.program.log import Lines
+from kalscope_app.session.changes import share_line
 from kalscope_app.session.opening import opened
-from kalscope_app.session.share import share_line
 
 FORMULA = ("=", "+", "-", "@", "\t", "\r")
 VALUES = np.cumsum(np.random.default_rng(3).normal(size=(60, 1)), axis=0)

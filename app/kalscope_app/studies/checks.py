@@ -268,7 +268,7 @@ def _of_filter(
 
 def _of_search(state: State, still: Callable[[State], Stretch]) -> Judgement | None:
     """What the last search says where it found no pair for what is on screen."""
-    found = state.answers.outcome
+    found = state.searched
     if found is None or found.after is not None or found.estimate is None:
         return None
     stretch = still(state) if needs_noise(found.estimate) else None

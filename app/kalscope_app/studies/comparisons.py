@@ -149,7 +149,7 @@ class Overviews:
         self._filtered.begin(recording, window)
         lanes: list[Lane] = []
         for i, name in enumerate(recording.names[:MAX_LANES]):
-            z, used = recording.values[:, i], state.settings.tunings[i].filter
+            z, used = recording.values[:, i], state.tunings[i].filter
             filtered = self._filtered.get((i, used), lambda z=z, used=used: used.denoise(z, state.dt)[at])
             lanes.append(_lane(name, z, at, filtered))
         return Overview(state, drawn.time, tuple(lanes))

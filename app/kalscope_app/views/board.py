@@ -14,8 +14,8 @@ from kalscope.export.board import Calibrated, measured_text, set_kept
 from kalscope_app.engine.frame import Frame
 from kalscope_app.engine.jobs import Jobs
 from kalscope_app.live import BoardConnection, measured_by_board, send_setting, takes_no_values
-from kalscope_app.session import live_changes
-from kalscope_app.session.live_changes import set_sent
+from kalscope_app.session import changes
+from kalscope_app.session.changes import set_sent
 from kalscope_app.session.session import Failed, Session
 from kalscope_app.session.state import BoardCalibration, Sent, State
 from kalscope_app.studies.checks import compare_with_board
@@ -60,7 +60,7 @@ class CalibrationView:
             )
         on_user(self._start.on_click, lambda _client: self._on_start())
         on_user(self._cancel.on_click, lambda _client: self._stop.set())
-        on_user(self._use.on_click, lambda _client: session.request(live_changes.use_calibration))
+        on_user(self._use.on_click, lambda _client: session.request(changes.use_calibration))
         on_user(
             self._keep.on_click,
             lambda _client: self._jobs.run_with_state(session, self._keep_or_forget, Failed.KEEP),
@@ -80,13 +80,13 @@ class CalibrationView:
         seconds = typed_number("the time to measure for", self._seconds.value)
         stop = self._stop = threading.Event()
         self._running, self._progress.value = seconds, 0.0
-        self._session.request(live_changes.set_calibration(None))  # its frame shows the progress
+        self._session.request(changes.set_calibration(None))  # its frame shows the progress
         try:
             measured = measured_by_board(state, source, seconds, Progress(self._on_progress, stop.is_set))
         finally:
             self._ended, self._running = time.monotonic(), None
             self._session.request(lambda state: state)  # and the frame of this one hides it
-        self._session.request(live_changes.set_calibration(measured))
+        self._session.request(changes.set_calibration(measured))
         good = measured.values is not None
         self._tell(text_of(measured, state.tuning.unit), good=good, failed=Failed.MEASURE)
 
@@ -96,7 +96,7 @@ class CalibrationView:
     def _keep_or_forget(self, state: State) -> None:
         kept = not (state.calibration is not None and state.calibration.kept)
         set_kept(self._connection.source_of(state), kept=kept)
-        self._session.request(live_changes.set_kept(kept))
+        self._session.request(changes.set_kept(kept))
         starts = "these values" if kept else "the values of its export"
         self._tell(f"The board uses {starts} from its next start.", good=True)
 
@@ -104,7 +104,7 @@ class CalibrationView:
         """Only a live board can measure, and only the noise of one channel."""
         state = frame.state
         put(self._folder, visible=state.live is not None and state.fusion is None)
-        running, known = self._running, live_changes.calibration_here(state)
+        running, known = self._running, changes.calibration_here(state)
         for shown in self._seconds, self._start:
             put(shown, visible=running is None)
         for shown in self._progress, self._cancel:

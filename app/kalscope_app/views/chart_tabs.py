@@ -270,7 +270,7 @@ class ChannelsView:
         """Offer the other channels."""
         names = frame.state.recording.names
         self._folder.visible = self._chart.handle.visible = len(names) > 1
-        self._together.value = frame.state.settings.link
+        self._together.value = frame.state.link
 
     def show_overview(self, overview: Overview) -> None:
         """Draw the lanes and write the table."""
@@ -327,7 +327,7 @@ def table_of(overview: Overview) -> str:
 
 def _row(state: State, i: int, lane: Lane) -> dict[str, str]:
     """The cells of a channel, by the heads of the table."""
-    tuning, period = state.settings.tunings[i], state.recording.sample_period
+    tuning, period = state.tunings[i], state.recording.sample_period
     bold, unit = "**" if state.measured == (lane.name,) else "", escape_markdown(tuning.unit, 12)
     row = {"": f"{bold}{i + 1}{bold}", "channel": f"{bold}{escape_markdown(lane.name, 24)}{bold}"}
     row |= dict.fromkeys(("q", "r", "τ", "lag", "noise left"), "–")

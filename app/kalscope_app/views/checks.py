@@ -89,7 +89,7 @@ def request_of(action: actions.Action, state: State) -> Request | None:
         case actions.UseStillStretch(first, last):
             return Request(noise=Noise(still=(first, last)))
         case actions.SetSpikesAside():
-            outcome = state.answers.outcome
+            outcome = state.searched
             before = Request() if outcome is None or outcome.request is None else outcome.request
             return replace(before, robust=True)  # what was known about the noise still is
         case actions.EstimateAgain():

@@ -36,9 +36,8 @@ from kalscope.tuning.tuning import Tuning, rescaled_to_period, same_period
 from kalscope_app.engine.frame import Frame
 from kalscope_app.engine.jobs import Jobs
 from kalscope_app.guard.viser_private import take_upload
-from kalscope_app.session.changes import ENDING, uploaded_settings, use_settings
+from kalscope_app.session.changes import ENDING, share_line, uploaded_settings, use_settings
 from kalscope_app.session.session import Failed, Session
-from kalscope_app.session.share import share_line
 from kalscope_app.session.state import State
 from kalscope_app.views.widgets import escape_markdown, on_user
 from kalscope_app.views.window import COPY_BUTTON, PRIMARY

@@ -14,13 +14,13 @@ from kalscope_app.session.changes import (
     apply_estimate,
     candidates,
     readings_of,
-    sensor_limits,
-    set_sensor_exponent,
+    set_exponent,
     set_sensor_text,
     set_taking_part,
+    slider_limits,
     stop_fusing,
+    studied,
 )
-from kalscope_app.session.live_changes import studied
 from kalscope_app.session.session import Failed, Session
 from kalscope_app.session.state import MAX_SENSORS, Change, State
 from kalscope_app.studies.checks import Judged
@@ -95,7 +95,7 @@ class SensorControl:
         self._set_visible(used)
         if used:
             r = fusion.tuning.r[at]
-            self._r.show(frame, r, "0", *on_decades(r, *sensor_limits(fusion, name)))
+            self._r.show(frame, r, "0", *on_decades(r, *slider_limits(frame.state, "r", name)))
             self._offset.show(frame, fusion.tuning.offset[at], "0")
 
     def _on_tick(self) -> None:
@@ -106,7 +106,7 @@ class SensorControl:
         return lambda _name, text: set_sensor_text(self.name or "", what, text)
 
     def _moved(self, exponent: float) -> Change:
-        return set_sensor_exponent(self.name or "", exponent)
+        return set_exponent("r", exponent, self.name or "")
 
 
 # The closed folder "Fuse sensors": which channels measure one quantity, and what each of them contributes.
@@ -176,7 +176,7 @@ class FusionView:
         for row in self._rows:
             row.show(frame)
         put(self._fuse, label="Fuse again" if fused else "Fuse", visible=bool(names))
-        put(self._end, visible=state.settings.fusion is not None)
+        put(self._end, visible=state.fused is not None)
         put(self._notes, visible=fused)
         if not fused:
             put(self._said, content=HOW)

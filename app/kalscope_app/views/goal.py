@@ -60,7 +60,7 @@ def _target(
 
 def _known_noise(state: State) -> Noise:
     """The noise that the last search was given, while its result holds: a new goal does not change the sensor."""
-    found = state.answers.outcome
+    found = state.searched
     return Noise() if found is None or found.request is None else found.request.noise
 
 
@@ -166,7 +166,7 @@ def costs_of(state: State) -> tuple[Cost, ...]:
 
 
 def _first(state: State) -> Outcome | None:
-    return next((one for one in state.settings.firsts if one.before.name == state.channel), None)
+    return next((one for one in state.firsts if one.before.name == state.channel), None)
 
 
 def settings_of(state: State) -> dict[str, Cost]:
@@ -202,7 +202,7 @@ NBSP = "\u00a0"
 
 def answer_text(state: State) -> str:
     """The last answer as markdown, "" for none; fixed words and numbers, with nothing to escape."""
-    outcome = state.answers.outcome
+    outcome = state.searched
     if outcome is None:
         return ""
     if outcome.after is None:

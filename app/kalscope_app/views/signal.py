@@ -14,8 +14,16 @@ from kalscope.common.numbers import Array
 from kalscope.common.text import count, number
 from kalscope.sources.reading.account import warnings
 from kalscope_app.engine.frame import Frame, SensorCurve
-from kalscope_app.session.changes import reset_view, set_window
-from kalscope_app.session.live_changes import SPANS, WAITING, follow, live_window, set_paused, set_span
+from kalscope_app.session.changes import (
+    SPANS,
+    WAITING,
+    follow,
+    live_window,
+    reset_view,
+    set_paused,
+    set_span,
+    set_window,
+)
 from kalscope_app.session.session import Session
 from kalscope_app.session.state import Live
 from kalscope_app.views.charts import (

@@ -39,8 +39,14 @@ from kalscope.tuning.tuning import Tuning
 from kalscope_app.engine.frame import Frame
 from kalscope_app.engine.jobs import Jobs
 from kalscope_app.guard.viser_private import take_upload
-from kalscope_app.session.changes import ENDING, at_device, set_sample_period, uploaded_settings, use_settings
-from kalscope_app.session.live_changes import WAITING
+from kalscope_app.session.changes import (
+    ENDING,
+    WAITING,
+    at_device,
+    set_sample_period,
+    uploaded_settings,
+    use_settings,
+)
 from kalscope_app.session.opening import opened, opened_experiment, with_sample_period
 from kalscope_app.session.session import Failed, Session
 from kalscope_app.session.state import Change, State
@@ -379,7 +385,7 @@ class SourceView:
 
     def read_with(self, options: str) -> None:
         """Read the same file again with options more."""
-        self._session.with_state(lambda state: self._read_again(f"{words_of(state.open.options)} {options}"))
+        self._session.with_state(lambda state: self._read_again(f"{words_of(state.options)} {options}"))
 
     def _read_again(self, text: str) -> None:
         """Read the same file again, with other options or because it has changed."""
@@ -388,7 +394,7 @@ class SourceView:
             options, recording = options_of(text), state.recording
             (source, title), reader = self._again
             same = (recording.source, recording.title) == (source, title)
-            period = state.open.typed_period if options.rate is None else None
+            period = state.typed_period if options.rate is None else None
             reader = reader if same else partial(open_source, recording.source)
             self._read(reader, recording.title or recording.source, options, period)
 
@@ -416,7 +422,7 @@ class SourceView:
             self._again = (recording.source, recording.title), reader
 
             def show(state: State) -> State:
-                after = then(opened(recording, state).with_open(options=options))
+                after = then(replace(opened(recording, state), options=options))
                 return after if period is None else with_sample_period(after, period)
 
             self._session.request(show, failed=failed)
@@ -436,7 +442,7 @@ class SourceView:
             return
         waits = frame.state.live is not None and frame.state.live.waits
         self._report.content = f"{capitalised(WAITING)}." if waits else import_summary(recording)
-        self._options.value = words_of(frame.state.open.options)
+        self._options.value = words_of(frame.state.options)
         self._described = recording
 
 

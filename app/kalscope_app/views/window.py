@@ -464,7 +464,7 @@ class HeaderView:
 
     def show(self, frame: Frame) -> None:
         """Write them."""
-        record, fusion = frame.state.recording, frame.state.settings.fusion
+        record, fusion = frame.state.recording, frame.state.fused
         if record is not self._described:  # every stamp is read: once a recording, not once a frame
             self._described, self._record.content = record, record_line(record)
         names = record.names if fusion is None else (*record.names, fusion.tuning.name)

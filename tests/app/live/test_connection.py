@@ -9,7 +9,7 @@ import pytest
 
 from kalscope import Recording
 from kalscope_app.live import BoardConnection
-from kalscope_app.session.live_changes import opened_live
+from kalscope_app.session.changes import opened_live
 from kalscope_app.session.opening import opened
 from kalscope_app.session.session import Session, undo
 

@@ -15,7 +15,7 @@ from kalscope.common.text import number
 from kalscope.sources.live.source import LiveSource
 from kalscope_app.engine.jobs import Jobs
 from kalscope_app.live import BoardConnection
-from kalscope_app.session.live_changes import opened_live, set_paused
+from kalscope_app.session.changes import opened_live, set_paused
 from kalscope_app.session.opening import opened
 from kalscope_app.session.session import Failed, Session, undo
 from kalscope_app.views.board import FORGET, KEEP, CalibrationView

@@ -62,17 +62,17 @@ def test_a_device_opens_at_its_own_filter_or_at_the_one_for_all(fleet, state):
     assert (own.tuning.q, own.tuning.r) == (fleet.devices.q[NOISY], fleet.devices.r[NOISY])
     assert own.fleet is state.fleet
     assert own.recording.title == "dev03.csv"
-    assert "its own filter" in own.answers.note
+    assert "its own filter" in own.note
     shared = at(fleet, set_at_shared(True)(state), NOISY)
     assert (shared.tuning.q, shared.tuning.r) == (fleet.shared.params.q, fleet.shared.params.r)
-    assert "the filter for all" in shared.answers.note
+    assert "the filter for all" in shared.note
 
 
 @pytest.mark.slow
 def test_a_device_without_q_and_r_says_why(fleet, state):
     empty = fleet.devices.ids.index("empty.csv")
     after = at_device(fleet, empty)(opened(open_source("demo"), state))
-    assert "no q and r" in after.answers.note
+    assert "no q and r" in after.note
     assert after.tuning == after.start
 
 

@@ -112,7 +112,7 @@ def state():
 
 
 def lags(state):
-    return [float(steady_state(tuning.params).lag_samples) for tuning in state.settings.tunings]
+    return [float(steady_state(tuning.params).lag_samples) for tuning in state.tunings]
 
 
 CHANGES = [
@@ -127,9 +127,9 @@ CHANGES = [
 @pytest.mark.parametrize("change", CHANGES)
 def test_tuned_together_every_change_sets_all_channels(state, change):
     together = change(set_link(SAME_NUMBERS)(set_text("q", "0.1")(state)))
-    assert len({tuning.params for tuning in together.settings.tunings}) == 1
+    assert len({tuning.params for tuning in together.tunings}) == 1
     alone = change(set_text("q", "0.1")(state))
-    assert alone.settings.tunings[1:] == state.settings.tunings[1:]
+    assert alone.tunings[1:] == state.tunings[1:]
 
 
 def test_the_same_lag_holds_for_channels_of_any_scale(state):
@@ -137,8 +137,8 @@ def test_the_same_lag_holds_for_channels_of_any_scale(state):
         set_link("<img>")(state)
     together = set_text("q", "0.3")(set_link(SAME_LAG)(state))
     assert lags(together) == pytest.approx([lags(together)[0]] * 3)
-    noise = [start.r for start in state.settings.starts]
-    assert [t.r / n for t, n in zip(together.settings.tunings, noise, strict=True)] == pytest.approx([1.0] * 3)
+    noise = [start.r for start in state.starts]
+    assert [t.r / n for t, n in zip(together.tunings, noise, strict=True)] == pytest.approx([1.0] * 3)
 
 
 def test_lanes_hold_each_channel_on_its_own_scale(state):
@@ -149,7 +149,7 @@ def test_lanes_hold_each_channel_on_its_own_scale(state):
         assert (lane.low, lane.high) == (z.min(), z.max())
         middle, half = (z.max() + z.min()) / 2, (z.max() - z.min()) / 2
         assert np.allclose(lane.raw, (z - middle) / half, atol=1e-12)
-        filtered = denoise(z, state.settings.tunings[i].params)
+        filtered = denoise(z, state.tunings[i].params)
         assert np.allclose(lane.filtered, (filtered - middle) / half, atol=1e-9)
 
 

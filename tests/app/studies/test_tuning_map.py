@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from kalscope import FilterParams, Recording, estimate, log_likelihood, steady_state, synthesize
-from kalscope_app.session.changes import set_automatic_start, set_exponent, set_momentum_text, set_point, set_window
+from kalscope_app.session.changes import set_exponent, set_point, set_text, set_window
 from kalscope_app.session.opening import opened
 from kalscope_app.studies.tuning_map import TUNING_MAP_CELLS, MapFrame, MapMaker, cell_exponents, lag_lines
 
@@ -58,7 +58,7 @@ def test_the_map_widens_for_a_point_outside_and_not_for_one_at_its_edge():
 def test_what_the_map_leaves_out_is_said():
     state = opened(walk())
     assert MapMaker()(state).note == ""
-    assert "initial variance p0" in MapMaker()(set_automatic_start(False)(state)).note
+    assert "initial variance p0" in MapMaker()(set_text("p0", "1")(state)).note
     assert "outlier gate" in MapMaker()(state.with_tuning(gate=9.0)).note
 
 
@@ -91,7 +91,7 @@ def test_a_point_becomes_q_and_r_at_three_digits_within_what_a_filter_takes(aske
 @pytest.mark.slow
 @pytest.mark.parametrize("momentum", [0.0, 7.0, 300.0])
 def test_each_cell_is_the_likelihood_of_its_pair_at_the_present_momentum(momentum):
-    state = set_momentum_text("momentum", str(momentum))(opened(known()))
+    state = set_text("momentum", str(momentum))(opened(known()))
     found, shown = estimate(state.z, momentum=momentum), MapMaker()(state)
     assert shown.optimum == pytest.approx((math.log10(found.q), math.log10(found.r)))
     for row, column in np.random.default_rng(1).integers(0, TUNING_MAP_CELLS, (12, 2)):

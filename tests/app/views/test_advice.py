@@ -81,7 +81,7 @@ def test_a_button_changes_something_in_one_step_that_undo_takes_back(state, acti
     session.request(undo)
     undone = session.apply_requests()[0]
     assert undone.settings == given.settings
-    assert undone.answers.note != "There is nothing to undo." or after.view.search_method in SEARCH_METHODS
+    assert undone.note != "There is nothing to undo." or after.view.search_method in SEARCH_METHODS
 
 
 def test_the_values_are_those_of_the_advice(state):

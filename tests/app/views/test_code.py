@@ -13,10 +13,9 @@ import pytest
 
 from kalscope import BadSetting, Recording, export_tuning
 from kalscope.estimation.request import Noise, Request, find_parameters
-from kalscope_app.session.changes import apply_found, pin_present, set_text
+from kalscope_app.session.changes import apply_found, pin_present, set_text, share_line
 from kalscope_app.session.opening import opened, opened_experiment
 from kalscope_app.session.session import History, record, step
-from kalscope_app.session.share import share_line
 from kalscope_app.views.export import (
     GAPS,
     TITLES,
@@ -67,8 +66,10 @@ def test_what_differs_on_a_device_is_told_of_what_is_chosen(state):
 
 def test_a_unit_that_the_board_does_not_read_is_said(state):
     recording = replace(state.recording, units=("V", ""))
-    in_volts = state.with_open(recording=recording).with_settings(
-        tunings=tuple(replace(one, unit=unit) for one, unit in zip(state.settings.tunings, ("V", ""), strict=True))
+    in_volts = replace(
+        state,
+        recording=recording,
+        tunings=tuple(replace(one, unit=unit) for one, unit in zip(state.tunings, ("V", ""), strict=True)),
     )
     assert "The sketch reads counts, but a is in V:" in limits_text(in_volts).replace("\\", "")
     assert limits_text(in_volts, Choice("c")) == ""
@@ -76,9 +77,9 @@ def test_a_unit_that_the_board_does_not_read_is_said(state):
 
 def test_gaps_that_count_on_screen_are_said_not_to_count_on_a_device(state):
     uneven = replace(state.recording, time=state.recording.time + (np.arange(300) > 100) * 1.0, gaps="dt")
-    assert GAPS in limits_text(state.with_open(recording=uneven))
-    assert GAPS not in limits_text(state.with_open(recording=replace(uneven, gaps="rows")))
-    assert GAPS not in limits_text(state.with_open(recording=replace(state.recording, gaps="dt")))
+    assert GAPS in limits_text(replace(state, recording=uneven))
+    assert GAPS not in limits_text(replace(state, recording=replace(uneven, gaps="rows")))
+    assert GAPS not in limits_text(replace(state, recording=replace(state.recording, gaps="dt")))
 
 
 def test_one_file_is_sent_as_it_is_and_several_as_a_zip(state):
@@ -100,7 +101,7 @@ def test_the_lag_at_the_period_of_the_device_is_shown(state):
     lag = device_notes(found, Choice("c", period="0.01")).lag
     assert re.fullmatch(r"Lag \*\*(6\d|7\d)[.\d]* ms\*\* at 10 ms per sample; 50 ms as recorded\.", lag)
     assert device_notes(state, Choice(period="often")).lag == ""
-    untimed = state.with_open(recording=replace(state.recording, sample_period=None))
+    untimed = replace(state, recording=replace(state.recording, sample_period=None))
     assert device_notes(untimed) == DeviceNotes("", "")
     assert device_notes(opened_experiment("generalized_figure_8")).lag == ""
 

@@ -187,11 +187,11 @@ def test_what_cannot_be_meant_is_refused(state, way, texts):
 def test_a_late_answer_goes_to_its_own_channel_or_nowhere(state):
     found = FitResult(FilterParams(7.0, 8.0), "x", "y")
     on_b = apply_found(state.recording, "a", found)(select_channel("b")(state))
-    assert (on_b.settings.tunings[0].q, on_b.tuning, on_b.answers.outcome) == (7.0, state.settings.tunings[1], None)
+    assert (on_b.tunings[0].q, on_b.tuning, on_b.searched) == (7.0, state.tunings[1], None)
     elsewhere = opened(recording(seed=1))
     late = apply_found(state.recording, "a", found)(elsewhere)
-    assert late.settings.tunings == elsewhere.settings.tunings
-    assert "another recording" in late.answers.note
+    assert late.tunings == elsewhere.tunings
+    assert "another recording" in late.note
 
 
 def test_the_account_of_an_estimate_stands_apart_from_its_short_answer(state):

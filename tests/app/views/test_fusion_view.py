@@ -14,10 +14,9 @@ from kalscope_app.engine.filter_runs import choose_samples
 from kalscope_app.engine.frame import compute_frame
 from kalscope_app.guard.server import guarded_server
 from kalscope_app.live import send_setting
-from kalscope_app.session.changes import apply_estimate, pin_present, select_channel, set_taking_part
+from kalscope_app.session.changes import apply_estimate, pin_present, select_channel, set_taking_part, share_line
 from kalscope_app.session.opening import opened
 from kalscope_app.session.session import Session
-from kalscope_app.session.share import share_line
 from kalscope_app.studies.checks import FusionJudge
 from kalscope_app.studies.comparisons import Overviews, VariantTable
 from kalscope_app.studies.tuning_map import MapMaker
