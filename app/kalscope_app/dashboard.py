@@ -67,7 +67,7 @@ class Dashboard:
         self._port_jobs = Jobs(tell)  # a port must not wait for a long search
         self._connection = BoardConnection(self._port_jobs)
         self._settings = UserSettings()
-        state = state.with_view(map_shown=self._settings.map_shown)
+        state = state.with_view(map_shown=self._settings.has("map_shown"))
         if state.live is not None:
             self._connection.adopt(state.live.board)
         self.session = Session(state, self._connection)

@@ -28,7 +28,6 @@ from kalscope.sources.port.ssh import FILE_PREFIX
 
 if TYPE_CHECKING:
     from kalscope_app.guard.server import GuardedServer
-    from kalscope_app.program.log import Log
     from kalscope_app.session.state import State
 
 MAX_RECORDING_S = 2.5
@@ -86,7 +85,7 @@ def open_dashboard(
     report_compiling()
     # All temporary files, also those of unfinished tasks, are removed at the end. Ctrl+C still interrupts reading.
     with (
-        logging_to(log, verbose=verbose) as running_log,
+        logging_to(log, verbose=verbose) as hidden,
         temporary_folder() as own,
         replaced(tempfile, "tempdir", str(own)),
     ):
@@ -94,11 +93,21 @@ def open_dashboard(
         state = apply_options(state, channel, chain, q=q, r=r, p0=p0, x0=x0, gate=gate, momentum=momentum)
         start = functools.partial(guarded_server, host, port, allow_hosts=allow_host or (), behind=behind)
         start = functools.partial(start, token=token, page_script=page_script(), hold=True, label="Kalscope")
-        serve(state, start, running_log, browser=browser)
+        serve(state, start, log, hidden, browser=browser)
 
 
-def serve(state: State, start_server: Callable[..., GuardedServer], log: Log, *, browser: bool) -> None:
-    """Show `state` in a dashboard until a signal ends it; `start_server` needs only `on_refused`."""
+def serve(
+    state: State,
+    start_server: Callable[..., GuardedServer],
+    log: Path | None,
+    hidden: list[str],
+    *,
+    browser: bool,
+) -> None:
+    """Show `state` in a dashboard until a signal ends it; `start_server` needs only `on_refused`.
+
+    The token is added to what `hidden` keeps out of the file `log`.
+    """
     from kalscope.common.compiled import watch_compiling
     from kalscope_app.guard.requests import opening_page
     from kalscope_app.guard.viser_private import callback_errors_to, thread_pool
@@ -117,14 +126,14 @@ def serve(state: State, start_server: Callable[..., GuardedServer], log: Log, *,
         with stop_signals() as end:
             try:
                 with end.interrupting():
-                    log.hidden.append(guarded.token)
+                    hidden.append(guarded.token)
                     errors.watch_server(guarded.server.get_event_loop(), thread_pool(guarded.server))
                     print(f"Kalscope: {guarded.url}", flush=True)
                     if browser:
                         webbrowser.open(opened.enter_context(opening_page(guarded.url)).as_uri())
                     from kalscope_app.dashboard import Dashboard  # while the page loads
 
-                    dashboard = Dashboard(guarded.server, state, folder, log.file)
+                    dashboard = Dashboard(guarded.server, state, folder, log)
                     errors.notify = dashboard.notifications.show_failure
                     dashboard.start()
                     watch_compiling(dashboard.notifications.show_compiling)

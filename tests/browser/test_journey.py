@@ -73,7 +73,7 @@ def test_a_maximum_lag_becomes_a_sketch_that_compiles_in_at_most_six_clicks(firs
     assert hand.clicks <= 6
     assert hand.seconds <= 60
 
-    wait_until(lambda: UserSettings(tmp_path / "config").tour_seen, "the tour put away")
+    wait_until(lambda: UserSettings(tmp_path / "config").has("tour_seen"), "the tour put away")
     page.reload()
     screen.ready()
     assert page.get_by_text("First steps.").count() == 0

@@ -226,7 +226,7 @@ def test_the_map_stays_as_it_was_left_and_a_narrow_window_has_none(start, tmp_pa
     screen.page.get_by_role("button", name="Map", exact=True).click()
     screen.page.get_by_role("button", name="Hide map").wait_for()
     screen.wait(f"() => ({CANVAS})()[2] > 200")
-    wait_until(lambda: screen.settings.map_shown, "the setting in its file")
+    wait_until(lambda: screen.settings.has("map_shown"), "the setting in its file")
     UserSettings(tmp_path / "config").keep(map_shown=True)
     screen = start("demo", own=True, width=1280)
     screen.wait(f"() => ({CANVAS})()[2] > 200")

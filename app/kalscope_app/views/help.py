@@ -33,7 +33,7 @@ class FirstSteps:
     """They stand there until they are put away, and again when asked."""
 
     def __init__(self, gui: viser.GuiApi, settings: UserSettings, jobs: Jobs) -> None:
-        is_new = not settings.tour_seen
+        is_new = not settings.has("tour_seen")
         self._text = gui.add_markdown(FIRST_STEPS, visible=is_new)
         hint = "Later: until the next start. The Help tab shows them again."
         self._buttons = gui.add_button_group("", (DONE, LATER), visible=is_new, hint=hint)

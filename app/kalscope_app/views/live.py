@@ -9,11 +9,11 @@ import viser
 
 from kalscope.common.text import count, duration, number
 from kalscope.sources.live.source import LiveStatus, RecordingStatus
-from kalscope.sources.port.registry import PortSpec, named_transport
+from kalscope.sources.port.registry import PortSpec, named_transport, port_of
 from kalscope.sources.port.serial_port import list_ports
 from kalscope_app.engine.frame import Frame
 from kalscope_app.engine.jobs import Jobs
-from kalscope_app.live import BoardConnection, BoardRecording, account, port_named
+from kalscope_app.live import BoardConnection, BoardRecording
 from kalscope_app.session.changes import set_board_channel
 from kalscope_app.session.session import Failed, Session
 from kalscope_app.session.state import ConnectionState
@@ -67,7 +67,7 @@ def recording_text(recording: RecordingStatus | None) -> str:
     """The status of the recording, as markdown; the name of the file is escaped."""
     if recording is None:
         return ""
-    lines = [f"recording to **{escape_markdown(recording.name)}**", account(recording.counts)]
+    lines = [f"recording to **{escape_markdown(recording.name)}**", str(recording.counts)]
     if recording.error:
         lines.append(f"**{escape_markdown(recording.error, 200)}**")
     return "\n".join(f"- {line}" for line in lines)
@@ -188,7 +188,8 @@ class LiveView:
         reconnect, reset = self._reconnect.value, self._reset.value
 
         def connect() -> None:
-            self._connection.open(self._session, port_named(spec, rate.strip(), reset=reset), reconnect=reconnect)
+            port = port_of(spec, default_baud=rate.strip(), reset=reset)
+            self._connection.open(self._session, port, reconnect=reconnect)
 
         self._jobs.run(connect, Failed.CONNECT)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import re
+import select
 import socket
 import sys
 import time
@@ -288,15 +289,23 @@ class BoardLines:
         ]
         """One line per sample, newline included."""
 
-    def between(self, sent: int, now: float) -> tuple[list[bytes], float]:
-        """The lines after the first `sent` ones that are due at `now`, s, and when the next one is."""
-        lines: list[bytes] = []
+    def between(self, sent: int, now: float) -> tuple[list[int], float]:
+        """Which lines after the first `sent` ones are due at `now`, s, and when the next one is."""
+        rows: list[int] = []
         while True:
-            repeats, at = divmod(sent + len(lines), len(self.lines))
+            repeats, at = divmod(sent + len(rows), len(self.lines))
             due = float(self.due[at]) + repeats * self.period
             if due > now:
-                return lines, due
-            lines.append(self.lines[at])
+                return rows, due
+            rows.append(at)
+
+    def line(self, row: int) -> bytes:
+        """The line of a sample, and what else the board says then."""
+        return self.lines[row]
+
+    def obey(self, received: bytes) -> bytes:  # noqa: ARG002  # see `Sketch`
+        """The answers to what arrived."""
+        return b""
 
 
 def _due(recording: Recording, rate: float | None) -> tuple[NDArray[np.float64], float]:
@@ -337,10 +346,13 @@ def send_lines(client: socket.socket, lines: BoardLines, stop: threading.Event) 
     with suppress(OSError):  # the client disconnected
         client.sendall(b"# kalscope demo-board\r\n")
         while not stop.is_set():
-            due_lines, due = lines.between(sent, time.monotonic() - start)
-            sent += len(due_lines)
-            client.sendall(b"".join(due_lines))
-            stop.wait(max(0.0, min(start + due - time.monotonic(), _TICK_S)))
+            rows, due = lines.between(sent, time.monotonic() - start)
+            sent += len(rows)
+            client.sendall(b"".join(map(lines.line, rows)))
+            if select.select([client], [], [], max(0.0, min(start + due - time.monotonic(), _TICK_S)))[0]:
+                if not (received := client.recv(4096)):
+                    return
+                client.sendall(lines.obey(received))
 
 
 def demo_board_command(
@@ -351,6 +363,9 @@ def demo_board_command(
     rate: Annotated[
         float | None, number_option("Lines per second; default: as SOURCE was sampled.", cli_number)
     ] = None,
+    as_sketch: Annotated[
+        bool, typer.Option("--sketch", help="Filter too, and obey commands, as the exported Arduino sketch does.")
+    ] = False,
 ) -> None:
     """Send a recording over a port, as a board would.
 
@@ -358,8 +373,9 @@ def demo_board_command(
     until Ctrl+C.
     """
     from kalscope.catalogue import open_source
+    from kalscope.cli.demo_sketch import Sketch
 
-    lines = BoardLines(open_source(source), rate)
+    lines = (Sketch if as_sketch else BoardLines)(open_source(source), rate)
     with _listen(port) as server, stop_signals() as stop:
         print(f"Demo board: kalscope open tcp://127.0.0.1:{server.getsockname()[1]}", flush=True)
         while not stop.is_set():
