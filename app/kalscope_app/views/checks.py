@@ -30,9 +30,10 @@ from kalscope_app.views.charts import (
     DARK,
     LIGHT,
     Chart,
-    ChartLayout,
-    axes,
+    ChartLine,
+    band,
     line,
+    marks,
     range_text,
     time_scale_for,
 )
@@ -228,26 +229,17 @@ class ChecksView:
             self._correlation.hide()
             return
         self._table.content = table(checks)
-        self._correlation.show(*correlation_lines(checks))
+        x, lines = correlation_lines(checks)
+        self._correlation.draw(x, lines, "lag (samples)", "autocorrelation")
 
 
-def correlation_lines(checks: Checks) -> tuple[Array, list[Array], ChartLayout]:
+def correlation_lines(checks: Checks) -> tuple[Array, list[ChartLine]]:
     """Autocorrelation of the innovation at lags 1 … h, and the 95 % bound of white noise."""
     d, palette = checks.all_samples, DARK if checks.state.view.dark else LIGHT
-    lags = np.arange(1.0, len(d.correlation) + 1.0)
-    bound = np.full(len(lags), d.r1_bound)
-    marks = {"show": True, "size": 7, "space": 0, "fill": palette.innovation}
-    layout = ChartLayout(
-        (
-            {"label": "lag (samples)"},
-            line("−bound"),
-            line("+bound"),
-            {**line("autocorrelation of the innovation", palette.innovation), "points": marks},
-        ),
-        axes("autocorrelation"),
-        ({"series": (2, 1), "fill": palette.innovation_band},),
-    )
-    return lags, [-bound, bound, d.correlation], layout
+    bound = np.full(len(d.correlation), d.r1_bound)
+    edges = band(0.0, bound, "bound", palette.innovation + palette.band, scaled=True)
+    points, name = marks(palette.innovation, 7), "autocorrelation of the innovation"
+    return np.arange(1.0, len(bound) + 1.0), [*edges, line(d.correlation, name, palette.innovation, points=points)]
 
 
 def table(checks: Checks) -> str:

@@ -15,13 +15,9 @@ from kalscope_app.engine.frame import Frame
 from kalscope_app.views.charts import (
     DARK,
     LIGHT,
-    SENSORS,
-    follows,
     scale_for,
     short,
     time_axis,
-    time_label,
-    time_points,
 )
 from kalscope_app.views.window import PHONE_CHECKBOX, shape_of
 
@@ -132,7 +128,7 @@ def draw_picture(frame: Frame, shape: float) -> NDArray[np.uint8]:
         _draw_curves(axes, frame, scale.factor)
         style: dict[str, Any] = {"color": palette.ink, "fontsize": 24}
         axes.set_title(scale.label(short(frame.state.tuning.name, 24)), fontweight="normal", **style)
-        axes.set_xlabel(time_label(time_axis(frame), before_now=follows(frame)), **style)
+        axes.set_xlabel(time_axis(frame).label, **style)
         axes.tick_params(labelsize=20, labelcolor=palette.ink)
         axes.locator_params(nbins=4)
         axes.grid(color=palette.quiet, alpha=0.3)
@@ -159,7 +155,7 @@ def _numbers(frame: Frame) -> list[tuple[str, str]]:
 def _draw_curves(axes: Axes, frame: Frame, factor: float) -> None:
     """Points where the readings have gaps, else lines; the range of y follows the signal, as in the chart."""
     shown, palette = frame.drawn, DARK if frame.state.view.dark else LIGHT
-    x, colours = time_points(frame)[0] * time_axis(frame).factor, SENSORS[frame.state.view.dark]
+    x, colours = time_axis(frame).x, palette.sensors
     raws = [(one.name, one.raw, colours[one.colour % len(colours)]) for one in frame.sensors]
     raws = raws or [("raw", shown.raw, palette.raw)]
     for name, raw, colour in raws:
