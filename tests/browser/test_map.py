@@ -10,9 +10,10 @@ from screen import pixels
 from waiting import wait_until
 
 from kalscope import FilterParams, estimate, kalman_filter, open_source, starting_params
+from kalscope_app.engine.filter_runs import Cache
 from kalscope_app.program.user_settings import UserSettings
 from kalscope_app.session.opening import opened
-from kalscope_app.studies.tuning_map import MapFrame, MapMaker
+from kalscope_app.studies.tuning_map import compute_map
 from kalscope_app.views.charts import DARK, LIGHT
 from kalscope_app.views.window import LEFT_WIDTH
 
@@ -31,8 +32,8 @@ class MapScreen:
     def __init__(self, screen, source):
         self.screen = screen
         self.state = opened(open_source(source))
-        self.map = MapMaker()(self.state)
-        self.frame = MapFrame(self.map.q, self.map.r)
+        self.map = compute_map(self.state, Cache())
+        self.frame = self.map.frame
         if not self.page.get_by_role("button", name="Hide map").count():
             self.page.get_by_role("button", name="Map", exact=True).click()
         self.wait(f"() => ({CANVAS})()[2] > 200")

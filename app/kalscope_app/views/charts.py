@@ -134,8 +134,6 @@ class Palette:
         """The most likely pair and the 95 % region on the map."""
         self.devices = ("#ffffff", "#f0a6ca", pick("#c2185b", "#ff4f98"), "#9aa0a6")
         """A fleet's devices by class, from usual to remarkable, and those without any."""
-        self.density = pick("#6a1b9a", "#d0a2ee")
-        """Where many devices are."""
         self.sensors = pick(
             ("#3f73d8", "#12525f", "#e0609a", "#3d3d3d", "#6a2fa0", "#2c9c6a", "#8a6fb8", "#8f8f93"),
             ("#6c9bff", "#a8e0e0", "#d0447f", "#8f9aa6", "#b58cff", "#4fb286", "#f2a6d8", "#5e7fa0"),

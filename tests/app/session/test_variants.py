@@ -9,7 +9,7 @@ import pytest
 
 from kalscope import BadSetting, Recording, kalman_filter, steady_state
 from kalscope.papers.generalized import GeneralizedParams
-from kalscope_app.engine.filter_runs import FilterRuns, choose_samples
+from kalscope_app.engine.filter_runs import Cache, FilterRuns, choose_samples
 from kalscope_app.session.changes import (
     delete_variant,
     pin_present,
@@ -20,7 +20,7 @@ from kalscope_app.session.changes import (
 )
 from kalscope_app.session.opening import opened
 from kalscope_app.session.state import DARK, LIGHT, MAX_VARIANTS
-from kalscope_app.studies.comparisons import VariantTable
+from kalscope_app.studies.comparisons import compute_variants
 from kalscope_app.views.variants import EMPTY, table_text
 
 
@@ -106,7 +106,7 @@ def test_curves_are_the_filter_at_the_drawn_samples_and_are_computed_once(state)
 
 def test_the_table_holds_what_each_setting_does(state):
     tuned = pin(state, 1, 2)
-    table = VariantTable().compute(set_text("q", "0.5")(tuned))
+    table = compute_variants(set_text("q", "0.5")(tuned), Cache())
     assert [row.variant for row in table.rows] == [None, *tuned.variants]
     for row, q in zip(table.rows, (0.5, 1, 2), strict=True):
         result = kalman_filter(tuned.recording.channel("a"), row.tuning.params)
@@ -119,10 +119,10 @@ def test_the_table_holds_what_each_setting_does(state):
 
 def test_the_table_marks_the_best(state):
     tuned = pin(state, 0.01, 100)
-    text = table_text(VariantTable().compute(tuned))
+    text = table_text(compute_variants(tuned, Cache()))
     assert text.count("\n| ") == 1 + 2  # the present setting and two variants, no cell broken by the bar
     assert LIGHT[0] in text
-    assert DARK[0] in table_text(VariantTable().compute(set_dark(True)(tuned)))
-    best = max(VariantTable().compute(tuned).rows, key=lambda row: row.measures.fit.loglik)
+    assert DARK[0] in table_text(compute_variants(set_dark(True)(tuned), Cache()))
+    best = max(compute_variants(tuned, Cache()).rows, key=lambda row: row.measures.fit.loglik)
     assert best.tuning.q == 0.01
-    assert table_text(VariantTable().compute(state)) == EMPTY
+    assert table_text(compute_variants(state, Cache())) == EMPTY

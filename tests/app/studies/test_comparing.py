@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from kalscope import BadSetting, Recording, denoise, open_source, steady_state
+from kalscope_app.engine.filter_runs import Cache
 from kalscope_app.session.changes import (
     reset_parameters,
     set_drawn_alternative,
@@ -20,7 +21,7 @@ from kalscope_app.session.changes import (
 from kalscope_app.session.opening import opened
 from kalscope_app.session.state import SAME_LAG, SAME_NUMBERS
 from kalscope_app.studies.checks import compute_spectra
-from kalscope_app.studies.comparisons import MAX_LANE_POINTS, MAX_LANES, AlternativesStudy, Overviews
+from kalscope_app.studies.comparisons import MAX_LANE_POINTS, MAX_LANES, compute_alternatives, compute_overview
 from kalscope_app.views.chart_tabs import ALL, NAMES, cutoff_words, lanes_of, lead_of, settings_of, text_of
 
 RNG = np.random.default_rng(30)
@@ -34,13 +35,13 @@ def state_of(n=3000, unit="g", **changes):
 
 def test_drawn_curves_are_those_of_the_comparison_at_the_drawn_samples():
     state = set_window(5.0, 15.0)(state_of())
-    compared = AlternativesStudy().compute(state)
+    compared = compute_alternatives(state, Cache())
     assert compared.drawn.first == 500
     at = compared.drawn.indices
     for one in (compared.found.present, *compared.alternatives):
         assert np.array_equal(compared.curve(one), one.curve[at], equal_nan=True)
     assert [one.name for one in compared.alternatives] == ["Moving average"]
-    everything = AlternativesStudy().compute(set_drawn_alternative(ALL)(state))
+    everything = compute_alternatives(set_drawn_alternative(ALL)(state), Cache())
     assert tuple(one.name for one in everything.alternatives) == NAMES
 
 
@@ -49,11 +50,11 @@ def test_a_long_recording_is_compared_around_the_view_and_drawn_only_there():
     n = 450_000
     values = np.resize(RNG.normal(size=9973), n).reshape(-1, 1)
     state = state_of(n, values=values)
-    whole = AlternativesStudy().compute(state)
+    whole = compute_alternatives(state, Cache())
     assert (whole.found.first, whole.found.last) == (125_000, 325_000)
     assert 0 < whole.inside.sum() < len(whole.drawn.indices)
     assert len(whole.curve(whole.found.present)) == whole.inside.sum()
-    end = AlternativesStudy().compute(set_window(4400.0, 4499.0)(state))
+    end = compute_alternatives(set_window(4400.0, 4499.0)(state), Cache())
     assert end.inside.all()
 
 
@@ -63,18 +64,18 @@ def test_a_browser_may_send_any_word(word, match):
     assert set_match_by(word)(state).view.match_by == match
     long = set_drawn_alternative("x" * 10_000)(state)
     assert len(long.view.drawn_alternative) == 60
-    assert len(AlternativesStudy().compute(long).alternatives) == len(NAMES)
+    assert len(compute_alternatives(long, Cache()).alternatives) == len(NAMES)
 
 
 def test_the_table_has_a_row_a_filter_and_no_markup_from_the_unit():
-    text = text_of(AlternativesStudy().compute(state_of(unit="<b>|")))
+    text = text_of(compute_alternatives(state_of(unit="<b>|"), Cache()))
     rows = [line for line in text.splitlines() if line.startswith("|")]
     assert len(rows) == 2 + 1 + len(NAMES)
     assert len({row.replace("\\|", "").count("|") for row in rows}) == 1
     assert "<b>" not in text
     assert "exponential smoothing with α = K" in text
     assert "**Moving average.**" in text
-    assert "**Median.**" in text_of(AlternativesStudy().compute(set_drawn_alternative(ALL)(state_of())))
+    assert "**Median.**" in text_of(compute_alternatives(set_drawn_alternative(ALL)(state_of()), Cache()))
 
 
 def test_the_density_keeps_its_power_in_bins_and_the_cutoff_is_on_the_response():
@@ -139,7 +140,7 @@ def test_the_same_lag_holds_for_channels_of_any_scale(state):
 
 
 def test_lanes_hold_each_channel_on_its_own_scale(state):
-    overview = Overviews().compute(state)
+    overview = compute_overview(state, Cache())
     assert [lane.name for lane in overview.lanes] == ["c0", "c1", "c2"]
     for i, lane in enumerate(overview.lanes):
         z = state.recording.values[:, i]
@@ -153,7 +154,7 @@ def test_lanes_hold_each_channel_on_its_own_scale(state):
 @pytest.mark.parametrize(("channels", "lanes"), [(1, 0), (2, 2), (16, 16), (40, MAX_LANES)])
 def test_sixteen_channels_are_drawn_of_any_number(channels, lanes):
     state = opened(recording(n=20_000, channels=channels, scale=1.5))
-    overview = Overviews().compute(state)
+    overview = compute_overview(state, Cache())
     assert len(overview.lanes) == lanes
     assert len(overview.time) <= MAX_LANE_POINTS + MAX_LANES
     assert (np.diff(overview.time) > 0).all()
@@ -168,7 +169,7 @@ def test_sixteen_channels_are_drawn_of_any_number(channels, lanes):
 
 def test_channel_names_are_escaped_in_the_table():
     rec = replace(open_source("sample:lis302dl"), names=("<b>|x", "y", "z"))
-    text = settings_of(Overviews().compute(opened(rec)))
+    text = settings_of(compute_overview(opened(rec), Cache()))
     assert "<b>" not in text
     assert text.splitlines()[2].replace(r"\|", "").count("|") == 8
     assert "missing" not in text  # where no channel misses a sample, that column is left out

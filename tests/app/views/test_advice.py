@@ -14,11 +14,11 @@ from kalscope.analysis import actions
 from kalscope.analysis.findings import Finding
 from kalscope.analysis.judge import Judgement
 from kalscope.estimation.request import FitResult, Noise, Request
+from kalscope_app.engine.filter_runs import Cache
 from kalscope_app.session.changes import apply_found
 from kalscope_app.session.opening import opened
 from kalscope_app.session.session import Session, undo
-from kalscope_app.studies import checks as still_stretch
-from kalscope_app.studies.checks import StillStretches, compute_checks
+from kalscope_app.studies.checks import compute_checks, still_stretch
 from kalscope_app.views.checks import COLOURS, UNJUDGED, VerdictView, label_of, take
 from kalscope_app.views.goal import SEARCH_METHODS
 
@@ -129,10 +129,10 @@ def test_the_still_stretch_is_found_once_for_a_recording(monkeypatch):
     g = np.random.default_rng(3)
     z = np.where(np.arange(1200) < 600, np.cumsum(g.normal(0, 50, 1200)), 0.0) + g.normal(0, 1, 1200)
     state = opened(Recording(np.arange(1200.0), ("a",), ("",), z[:, None], 1.0))
-    stretches, asked = StillStretches(), []
-    monkeypatch.setattr(still_stretch, "find_still_stretch", lambda *z: asked.append(z) or (600, 1200))
-    assert stretches.study(state) == (state, (600, 1200))
-    assert stretches.of(state.with_tuning(q=3.0)) == (600, 1200)
+    kept, asked = Cache(), []
+    monkeypatch.setattr("kalscope_app.studies.checks.find_still_stretch", lambda *z: asked.append(z) or (600, 1200))
+    for q in (2.0, 3.0):
+        assert still_stretch(state.with_tuning(q=q), kept) == (600, 1200)
     assert len(asked) == 1
 
 

@@ -8,29 +8,30 @@ import numpy as np
 import pytest
 
 from kalscope import synthesize
+from kalscope_app.engine.filter_runs import Cache
 from kalscope_app.session.changes import pin_present, set_dark
 from kalscope_app.session.opening import opened
-from kalscope_app.studies.tuning_map import MapFrame, MapMaker, nothing
+from kalscope_app.studies.tuning_map import MapFrame, compute_map, exponents_of, nothing
 from kalscope_app.views.charts import DARK, LIGHT
 from kalscope_app.views.map import (
     SHARPNESS,
-    MapPictureInput,
     draw_map_picture,
     draw_ring,
     lag_words,
-    picture_input,
     shades,
     tick,
     title_of,
 )
 
 
-def inputs(dark=False, **changes):
-    recording = synthesize("random_walk", n=2000, seed=2)
-    state = opened(recording)
-    shown = MapMaker()(state)
-    frame = MapFrame(shown.q, shown.r)
-    return replace(MapPictureInput(shown, frame, "V", recording.sample_period, dark), **changes)
+@pytest.fixture(scope="module")
+def state():
+    return opened(synthesize("random_walk", n=2000, seed=2))
+
+
+@pytest.fixture(scope="module")
+def shown(state):
+    return compute_map(state, Cache())
 
 
 def rgb(colour):
@@ -39,15 +40,14 @@ def rgb(colour):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("dark", [False, True])
-def test_the_best_shade_lies_under_the_mark_of_the_estimate(dark):
-    one = inputs(dark)
-    palette = DARK if dark else LIGHT
-    bare = replace(one, map=replace(one.map, optimum=None, contour=None))
-    x, y = (SHARPNESS * at for at in one.frame.pixel(one.map.optimum))
-    around = draw_map_picture(bare)[round(y) - 6 : round(y) + 7, round(x) - 6 : round(x) + 7].astype(int)
+def test_the_best_shade_lies_under_the_mark_of_the_estimate(state, shown, dark):
+    state, palette = state.with_view(dark=dark), DARK if dark else LIGHT
+    bare = replace(shown, optimum=None, contour=None)
+    x, y = (SHARPNESS * at for at in shown.frame.pixel(shown.optimum))
+    around = draw_map_picture(state, bare)[round(y) - 6 : round(y) + 7, round(x) - 6 : round(x) + 7].astype(int)
     best = np.array(rgb(palette.shades[-1]))
     assert np.abs(around - best).sum(axis=-1).min() < 30
-    marked = draw_map_picture(one)[round(y), round(x)]
+    marked = draw_map_picture(state, shown)[round(y), round(x)]
     assert marked.tolist() == rgb(palette.best)
 
 
@@ -60,37 +60,30 @@ def test_lightness_alone_tells_better_from_worse(palette):
 
 
 @pytest.mark.slow
-def test_the_picture_has_its_size_and_nothing_leaves_it():
-    picture = draw_map_picture(inputs())
+def test_the_picture_has_its_size_and_nothing_leaves_it(state, shown):
+    picture = draw_map_picture(state, shown)
     assert picture.shape == (SHARPNESS * MapFrame.height, SHARPNESS * MapFrame.width, 3)
     edge = np.concatenate([picture[0], picture[-1], picture[:, 0], picture[:, -1]])
     assert (edge == rgb(LIGHT.paper)).all()
 
 
 @pytest.mark.parametrize("dark", [False, True])
-def test_pinned_variants_are_drawn_at_their_pair(dark):
-    state = set_dark(dark)(pin_present(opened(synthesize("random_walk", n=2000, seed=2))))
-    shown = MapMaker()(state)
-    pinned = picture_input(state, shown, MapFrame(shown.q, shown.r))
-    ((name, colour, pair),) = pinned.pinned
-    x, y = (round(SHARPNESS * at) for at in pinned.frame.pixel(pair))
-    patch = draw_map_picture(pinned)[y - 10 : y + 10, x - 10 : x + 10].reshape(-1, 3).tolist()
-    assert name == "A"
-    assert rgb(colour) in patch
+def test_pinned_variants_are_drawn_at_their_pair(state, shown, dark):
+    pinned = set_dark(dark)(pin_present(state))
+    x, y = (round(SHARPNESS * at) for at in shown.frame.pixel(exponents_of(state.tuning.q, state.tuning.r)))
+    patch = draw_map_picture(pinned, shown)[y - 10 : y + 10, x - 10 : x + 10].reshape(-1, 3).tolist()
+    assert rgb(pinned.variants[0].css(dark=dark)) in patch
 
 
 def test_the_title_says_for_which_momentum_the_map_holds():
-    plain = inputs()
-    moving = replace(plain, frame=replace(plain.frame, momentum=24.0))
-    assert title_of(plain) == "lag"
-    assert title_of(replace(moving, period=0.01)) == "at momentum 240 ms: lag"
-    assert title_of(replace(moving, period=None)) == "at momentum 24 samples: lag"
+    assert title_of(0.0, 0.01) == "lag"
+    assert title_of(24.0, 0.01) == "at momentum 240 ms: lag"
+    assert title_of(24.0, None) == "at momentum 24 samples: lag"
 
 
-def test_where_there_is_no_map_the_reason_is_written():
-    one = inputs()
-    empty = replace(one, map=nothing("The signal is constant: there is nothing to tune."))
-    assert (draw_map_picture(empty) != draw_map_picture(replace(one, map=nothing("")))).any()
+def test_where_there_is_no_map_the_reason_is_written(state):
+    why = nothing("The signal is constant: there is nothing to tune.")
+    assert (draw_map_picture(state, why) != draw_map_picture(state, nothing(""))).any()
 
 
 @pytest.mark.parametrize(
@@ -106,7 +99,7 @@ def test_where_there_is_no_map_the_reason_is_written():
     ],
 )
 def test_a_lag_is_told_in_one_unit(period, lag, words):
-    assert lag_words(lag, inputs(period=period)) == words
+    assert lag_words(lag, period) == words
 
 
 @pytest.mark.parametrize(
