@@ -190,11 +190,12 @@ def _draw_devices(axes: Axes, layer: FleetLayer, frame: MapFrame, palette: Palet
     for ratio in layer.ratio_ends or ():
         axes.axline((0.0, -ratio), slope=1.0, color=palette.devices[2], linewidth=1.5)
     few = len(layer.devices) <= MAX_EDGED
-    edges: dict[str, Any] = {"markersize": 6 if few else 3, "markeredgecolor": palette.ink if few else "none"}
+    style: dict[str, Any] = {"markersize": 6 if few else 3, "markeredgecolor": palette.ink if few else "none"}
     for kind, words in enumerate(layer.words):
-        points = layer.points[layer.classes == kind]
+        points, colour = layer.points[layer.classes == kind], palette.devices[kind]
+        style["alpha"], style["color"] = (1.0, colour) if few or kind else (0.3, palette.ink)
         if words:
-            axes.plot(*points.T, "o", color=palette.devices[kind], **edges, label=f"device, {words}")
+            axes.plot(*points.T, "o", **style, label=f"device, {words}")
     if layer.shared is not None:
         diamond: dict[str, Any] = {"markersize": 11, "markerfacecolor": "none", "markeredgewidth": 2}
         label = "one filter for all; lines: best q/r, 95 %"
@@ -208,7 +209,13 @@ def _write_axes(axes: Axes, frame: MapFrame, state: State, palette: Palette) -> 
         ticks = decades(*ends)
         axis.set_ticks(ticks, [tick(e) for e in ticks])
         axis.set_label_text(f"{name}, {unit}", color=palette.ink, fontsize=13)
-    title: dict[str, Any] = {"color": palette.quiet, "fontsize": 12, "fontweight": "normal", "pad": 24}
+    title: dict[str, Any] = {
+        "loc": "center",
+        "color": palette.quiet,
+        "fontsize": 12,
+        "fontweight": "normal",
+        "pad": 24,
+    }
     axes.set_title(title_of(frame.momentum, state.recording.sample_period), **title)
 
 
@@ -294,7 +301,7 @@ class TuningMapView:
     def build_controls(self, gui: viser.GuiApi) -> None:
         """The widgets that the page shows as the map."""
         dot = np.zeros((2, 2, 3), dtype=np.uint8)
-        self._picture = gui.add_image(dot, label=MAP_PICTURE, format="png", visible=False)
+        self._picture = gui.add_image(dot, label=MAP_PICTURE, format="jpeg", jpeg_quality=90, visible=False)
         self._mark = gui.add_image(draw_ring(dark=False), label=MAP_MARK, format="png", visible=False)
         self._present = gui.add_vector2(MAP_PRESENT, NOWHERE, visible=False, hint="Hidden.")
         self._pointed = gui.add_vector3(MAP_POINTED, (0.0, 0.0, 0.0), visible=False, hint="Hidden.")
