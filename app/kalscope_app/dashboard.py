@@ -85,7 +85,7 @@ class Dashboard:
         self._last: Frame | None = None
         self._kept, self._opened, self._written = KeptTunings(), "", None
         self._map = TuningMapView(self.session)
-        self._phones = PhonePictures(server)
+        self._phones = PhonePictures()
         self._build(folder)
         judge, still = partial(judge_sensors, kept=Cache()), partial(still_stretch, kept=Cache())
         make_map = partial(compute_map, kept=Cache())
@@ -172,7 +172,7 @@ class Dashboard:
         with gui.add_folder(MORE_FOLDER, expand_by_default=False):
             self._fusion = FusionView(gui, self.session, self._jobs)
             self._more = MoreView(gui, self.session)
-        self._verdict.connect(self.session, self._goal)
+        self._verdict.search = self._goal.search
 
     def start(self) -> None:
         """Connect the board if there is one and show the first frame; returns once it is drawn, or after 60 s."""

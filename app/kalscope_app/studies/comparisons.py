@@ -12,6 +12,7 @@ from kalscope.analysis.alternatives import Alternative, Comparison, compare_alte
 from kalscope.analysis.diagnostics import Diagnostics, diagnose_run, without_residuals
 from kalscope.analysis.residuals import Run
 from kalscope.common.numbers import Array
+from kalscope.filtering.classic import Chain
 from kalscope.filtering.filter import filter_at
 from kalscope.filtering.steady import SteadyState
 from kalscope.tuning.tuning import ChannelTuning
@@ -43,10 +44,9 @@ class Compared:
         return one.curve[self.drawn.indices[self.inside] - self.found.first]
 
     @property
-    def to_export(self) -> Alternative | None:
+    def to_export(self) -> Chain | None:
         """The one chosen filter that a device can run, if one is chosen."""
-        drawn = self.alternatives
-        return drawn[0] if len(drawn) == 1 and drawn[0].chain is not None else None
+        return self.alternatives[0].chain if len(self.alternatives) == 1 else None
 
     @property
     def alternatives(self) -> tuple[Alternative, ...]:

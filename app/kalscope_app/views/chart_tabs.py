@@ -12,6 +12,7 @@ from kalscope.analysis.filter_errors import Difference
 from kalscope.analysis.spectrum import Spectrum
 from kalscope.common.numbers import Array
 from kalscope.common.text import count, frequency, lag_text, noise_left, number, percent, squared
+from kalscope.filtering.classic import Chain
 from kalscope.filtering.steady import steady_state
 from kalscope_app.engine.frame import Frame
 from kalscope_app.session.changes import (
@@ -77,7 +78,7 @@ class AlternativesView:
 
     def __init__(self, gui: viser.GuiApi, session: Session) -> None:
         self._session = session
-        self._to_export: Alternative | None = None
+        self._chain: Chain | None = None
         gui.add_markdown("### Is there a simpler filter?")
         self._match = gui.add_dropdown(
             "matched by", tuple(MATCHES), hint="Filters of equal lag, or of equal noise reduction."
@@ -95,19 +96,18 @@ class AlternativesView:
 
     def _use(self) -> None:
         """The drawn filter becomes that of the channel; the page opens the Export tab."""
-        one = self._to_export
-        if one is not None and one.chain is not None:
-            self._session.request(use_chain(one.chain))
+        if self._chain is not None:
+            self._session.request(use_chain(self._chain))
 
     def on_emptied(self) -> None:
         """The filter that could be exported belongs to an earlier state."""
-        self._to_export = None
+        self._chain = None
         put(self._export, visible=False)
 
     def show(self, compared: Compared | None) -> None:
         """Draw and write."""
-        self._to_export = None if compared is None else compared.to_export
-        put(self._export, visible=self._to_export is not None)
+        self._chain = None if compared is None else compared.to_export
+        put(self._export, visible=self._chain is not None)
         for control in (self._match, self._alternative):
             put(control, visible=compared is not None)
         if compared is None:
@@ -235,11 +235,8 @@ class ChannelsView:
         self._chart.handle.height = MIN_HEIGHT
         self._table = gui.add_markdown("")
         with gui.add_folder("Set several channels", visible=False) as self._folder:
-            self._together = gui.add_dropdown(
-                "apply to",
-                LINKS,
-                hint="All together: each change under Tune sets every channel. Undo reverts it.",
-            )
+            hint = "All together: each change under Tune sets every channel. Undo reverts it."
+            self._together = gui.add_dropdown("apply to", LINKS, hint=hint)
         bind(self._together, session, set_link)
 
     def show(self, frame: Frame) -> None:
@@ -346,9 +343,8 @@ class SpectrumView:
         lines = [line(y, name, colour, 2) for y, (name, colour) in zip(ys, names, strict=True)]
         density = f"density ({squared(state.tuning.unit)}{per})"
         reach = float(fine[0]), float(fine[-1])  # as the response, which a low cut-off makes longer
-        self._density.draw(
-            spectra.frequency, lines, label, density, view=view, reach=reach, y_range=(low, high), log="xy"
-        )
+        x, ends = spectra.frequency, (low, high)
+        self._density.draw(x, lines, label, density, view=view, reach=reach, y_range=ends, log="xy")
 
         cut = np.where(fine == found.cutoff, spectra.response_db, np.nan)
         response = line(spectra.response_db, "response (dB)", palette.filtered, 2)

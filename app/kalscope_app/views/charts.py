@@ -298,7 +298,7 @@ class Chart:
         """
         zeros = np.zeros(2)
         self._share, self._sync, self._window = share, sync, window
-        self._handle = gui.add_uplot(
+        self.handle = gui.add_uplot(
             (np.array([0.0, 1.0]), zeros),
             ({"label": "x"}, {"label": "y"}),
             scales={"x": {"time": False}},
@@ -306,13 +306,9 @@ class Chart:
             height=height_of(share),
             cursor=self._cursor(),
         )
+        """The viser handle, for tests and heights."""
         self._data: tuple[Array, ...] = ()
         self._scales: object = None
-
-    @property
-    def handle(self) -> viser.GuiUplotHandle:
-        """The viser handle, for tests and heights."""
-        return self._handle
 
     def draw(
         self,
@@ -360,13 +356,13 @@ class Chart:
         up |= {"label": y_label, **({"incrs": (1,), "space": 8} if lanes else {"space": space})}
         across |= {"label": x_label} if lanes else {}  # elsewhere in the legend alone, which saves a line
         if (view, scales) != self._scales:
-            self._scales, self._handle.scales = (view, scales), scales
+            self._scales, self.handle.scales = (view, scales), scales
         series = ({"label": x_label}, *(one.style for one in lines))
         bands = tuple({"series": (i, i - 1), "fill": one.fill} for i, one in enumerate(lines, 1) if one.fill)
-        put(self._handle, series=series, bands=bands, axes=(across, up))
+        put(self.handle, series=series, bands=bands, axes=(across, up))
         if not same_numbers(data, self._data):
-            self._handle.data = self._data = data
-        put(self._handle, visible=True)
+            self.handle.data = self._data = data
+        put(self.handle, visible=True)
 
     def _cursor(self) -> Any:
         """How the mouse works; `share` and `window` are keys of the page script, not of uPlot."""
@@ -375,14 +371,14 @@ class Chart:
 
     def set_height(self, share: float, pixels: int) -> None:
         """Set the share of the height, which rebuilds the chart, and its height in a window of usual size, px."""
-        put(self._handle, height=pixels)
+        put(self.handle, height=pixels)
         if share != self._share:
             self._share = share
-            self._handle.cursor = self._cursor()
+            self.handle.cursor = self._cursor()
 
     def hide(self) -> None:
         """Take the chart off the screen: without an answer, an old curve would be mistaken for one."""
-        put(self._handle, visible=False)
+        put(self.handle, visible=False)
 
 
 def same_numbers(one: tuple[Array, ...], other: tuple[Array, ...]) -> bool:

@@ -78,10 +78,11 @@ def draw_map_picture(state: State, shown: TuningMap) -> NDArray[np.uint8]:
             return pixels_of(figure)
         axes = _axes(figure, frame, (frame.top, frame.bottom), palette)
         axes.set(xlim=frame.q, ylim=frame.r, autoscale_on=False)
-        _draw_shades(axes, shown, palette)
+        image: dict[str, Any] = {"extent": (*frame.q, *frame.r), "origin": "lower", "aspect": "auto"}
+        axes.imshow(shown.shade, shades(palette), vmin=0.0, vmax=1.0, interpolation="bilinear", **image)
         _write_axes(axes, frame, state, palette)
-        ring: dict[str, Any] = {"markersize": 12, "markeredgewidth": 3, "markerfacecolor": "none"}
-        axes.plot([], [], "o", color=palette.filtered, **ring, label="current q and r: drag it, or click")
+        label = "current q and r: drag it, or click"
+        axes.plot([], [], "o", color=palette.filtered, ms=12, mew=3, mfc="none", label=label)
         _draw_lags(axes, frame, state.recording.sample_period, palette)
         _draw_marks(axes, shown, palette)
         for variant in state.variants:
@@ -115,12 +116,6 @@ def _halo(width: float, colour: str, alpha: float = 1.0) -> list[AbstractPathEff
     from matplotlib.patheffects import withStroke
 
     return [withStroke(linewidth=width, foreground=colour, alpha=alpha)]
-
-
-def _draw_shades(axes: Axes, shown: TuningMap, palette: Palette) -> None:
-    """The likelihood."""
-    image: dict[str, Any] = {"extent": (*shown.frame.q, *shown.frame.r), "origin": "lower", "aspect": "auto"}
-    axes.imshow(shown.shade, shades(palette), vmin=0.0, vmax=1.0, interpolation="bilinear", **image)
 
 
 def _draw_lags(axes: Axes, frame: MapFrame, period: float | None, palette: Palette) -> None:
@@ -167,22 +162,15 @@ def _draw_marks(axes: Axes, shown: TuningMap, palette: Palette) -> None:
         _draw_devices(axes, shown.fleet, shown.frame, palette)
     if shown.optimum is not None:
         off = " (off the map)" if math.inf in map(abs, shown.optimum) else ""
-        cross: dict[str, Any] = {"markersize": 14, "markeredgewidth": 2.5, "path_effects": halo}
-        label = f"most likely q and r{off}"
-        _plot(axes, shown.frame.held(shown.optimum), "+", color=palette.best, **cross, label=label)
+        at, label = shown.frame.held(shown.optimum), f"most likely q and r{off}"
+        axes.plot(*at, "+", color=palette.best, ms=14, mew=2.5, path_effects=halo, label=label)
 
 
 def _draw_pin(axes: Axes, at: Point, name: str, colour: str, palette: Palette) -> None:
     """A pinned setting with its name."""
-    label = f"pinned setting {name}"
-    _plot(axes, at, "o", color=colour, markersize=16, markeredgecolor=palette.paper, label=label)
+    axes.plot(*at, "o", color=colour, ms=16, mec=palette.paper, label=f"pinned setting {name}")
     middle: dict[str, Any] = {"ha": "center", "va": "center_baseline", "fontsize": 11, "color": "white"}
     axes.text(*at, name, path_effects=_halo(2, "black"), **middle)
-
-
-def _plot(axes: Axes, at: Point, marker: str, **style: Any) -> None:
-    """A mark."""
-    axes.plot([at[0]], [at[1]], marker, **style)
 
 
 def _draw_devices(axes: Axes, layer: FleetLayer, frame: MapFrame, palette: Palette) -> None:
@@ -197,9 +185,8 @@ def _draw_devices(axes: Axes, layer: FleetLayer, frame: MapFrame, palette: Palet
         if words:
             axes.plot(*points.T, "o", **style, label=f"device, {words}")
     if layer.shared is not None:
-        diamond: dict[str, Any] = {"markersize": 11, "markerfacecolor": "none", "markeredgewidth": 2}
-        label = "one filter for all; lines: best q/r, 95 %"
-        _plot(axes, frame.held(layer.shared), "D", color=palette.devices[2], **diamond, label=label)
+        at, label = frame.held(layer.shared), "one filter for all; lines: best q/r, 95 %"
+        axes.plot(*at, "D", color=palette.devices[2], ms=11, mew=2, mfc="none", label=label)
 
 
 def _write_axes(axes: Axes, frame: MapFrame, state: State, palette: Palette) -> None:
@@ -209,19 +196,9 @@ def _write_axes(axes: Axes, frame: MapFrame, state: State, palette: Palette) -> 
         ticks = decades(*ends)
         axis.set_ticks(ticks, [tick(e) for e in ticks])
         axis.set_label_text(f"{name}, {unit}", color=palette.ink, fontsize=13)
-    title: dict[str, Any] = {
-        "loc": "center",
-        "color": palette.quiet,
-        "fontsize": 12,
-        "fontweight": "normal",
-        "pad": 24,
-    }
-    axes.set_title(title_of(frame.momentum, state.recording.sample_period), **title)
-
-
-def title_of(momentum: float, period: float | None) -> str:
-    """The heading above the lags: the momentum, where the filters on the map have any."""
-    return f"at momentum {momentum_words(momentum, period)}: lag" if momentum > 0.0 else "lag"
+    momentum = momentum_words(frame.momentum, state.recording.sample_period)
+    title = f"at momentum {momentum}: lag" if frame.momentum > 0.0 else "lag"
+    axes.set_title(title, loc="center", color=palette.quiet, fontsize=12, fontweight="normal", pad=24)
 
 
 def tick(exponent: int) -> str:
@@ -286,6 +263,7 @@ class TuningMapView:
         self._map = nothing("")
         self._state: State | None = None
         self._pictures = Cache[NDArray[np.uint8]]()
+        self._drawn: NDArray[np.uint8] | None = None
 
     def build_button(self, gui: viser.GuiApi, settings: UserSettings, jobs: Jobs) -> None:
         """The button of the header; what it does is remembered for the next start."""
@@ -364,5 +342,6 @@ class TuningMapView:
         period, dark = state.recording.sample_period, state.view.dark
         what = shown, state.tuning.unit, period, dark, state.variants
         picture = self._pictures.once(lambda: draw_map_picture(state, shown), *what)
-        if picture is not self._picture.image:
+        if picture is not self._drawn:
             self._mark.image, self._picture.image = draw_ring(dark=dark), picture
+            self._drawn = picture

@@ -55,15 +55,9 @@ class WindowView:
 
     def __init__(self, gui: viser.GuiApi, session: Session) -> None:
         self._session = session
+        hint = "The part of the recording that is plotted. Drag in a chart to zoom in; double-click to zoom out."
         self._range = gui.add_multi_slider(
-            "view",
-            min=0.0,
-            max=1.0,
-            step=0.001,
-            initial_value=(0.0, 1.0),
-            marks=(),
-            visible=False,
-            hint="The part of the recording that is plotted. Drag in a chart to zoom in; double-click to zoom out.",
+            "view", min=0.0, max=1.0, step=0.001, initial_value=(0.0, 1.0), marks=(), visible=False, hint=hint
         )
         # Only the page script changes it: shares of the window that a drag over a chart begins and ends at.
         self._zoom = gui.add_multi_slider(
@@ -72,12 +66,8 @@ class WindowView:
         self._drawn = (0.0, 1.0)
         gui.add_html(ONE_BUTTON)
         self._buttons = gui.add_button_group("", ("Reset view",), visible=False, hint="Show all of the recording.")
-        self._live = gui.add_button_group(
-            "live",
-            ("Live", "Pause"),
-            hint="Follow the newest sample, or freeze the charts.",
-            visible=False,
-        )
+        hint = "Follow the newest sample, or freeze the charts."
+        self._live = gui.add_button_group("live", ("Live", "Pause"), hint=hint, visible=False)
         self._span = gui.add_dropdown(
             "shows the last", tuple(SPANS), initial_value="10 s", hint="Length of the live window.", visible=False
         )
@@ -178,7 +168,9 @@ class SignalView:
         self._draw(self.innovation, frame, lines, label if len(label) <= MAX_LABEL_LETTERS else name, scale)
         if frame.velocity is not None and frame.velocity_spread is not None:
             self.gain.hide()
-            scale = scale_for(frame.velocity, velocity_unit(frame))
+            per = " per sample" if state.recording.sample_period is None else "/s"
+            unit = f"{state.tuning.unit or 'unit'}{per}"
+            scale = scale_for(frame.velocity, unit)
             edges = band(frame.velocity, frame.velocity_spread, "2σ", palette.gain + palette.band)
             middle = line(frame.velocity, scale.label("velocity"), palette.gain, 2)  # the unit is in the legend
             self._draw(self.velocity, frame, [*edges, middle], "velocity", scale)
@@ -269,17 +261,12 @@ GAIN_LEVELS = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0)
 """Ranges of the gain chart: few, so that it rarely changes while q does."""
 
 
-def velocity_unit(frame: Frame) -> str:
-    """The unit of the velocity: that of the signal per s, or per sample where the sample period is not known."""
-    unit = frame.state.tuning.unit or "unit"
-    return f"{unit}/s" if frame.state.recording.sample_period is not None else f"{unit} per sample"
-
-
 def heading_of(frame: Frame) -> str:
     """Size, what is not drawn, and the status of the board; one line of markdown."""
     record, shown = frame.state.recording, frame.drawn
     waits = frame.state.live is not None and frame.state.live.waits
-    parts = [] if frame.state.live is not None else [window_text(frame)]
+    axis = time_axis(frame)
+    parts = [] if frame.state.live is not None else [f"{range_text(*axis.reach)} {axis.scale.unit}"]
     parts.append(WAITING if waits else f"{count(len(record))} samples")
     if shown.missing and not waits:
         parts.append(f"{count(shown.missing)} missing")
@@ -300,12 +287,6 @@ def heading_of(frame: Frame) -> str:
             )
             parts += [f"**{escape_markdown(recording.error, 160)}**"] if recording.error else []
     return " · ".join(parts)
-
-
-def window_text(frame: Frame) -> str:
-    """From when to when the charts show the recording: 0 to 36 s."""
-    axis = time_axis(frame)
-    return f"{range_text(*axis.reach)} {axis.scale.unit}"
 
 
 def without_start(frame: Frame) -> tuple[Array, Array]:

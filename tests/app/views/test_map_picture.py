@@ -20,7 +20,6 @@ from kalscope_app.views.map import (
     lag_words,
     shades,
     tick,
-    title_of,
 )
 
 
@@ -40,15 +39,17 @@ def rgb(colour):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("dark", [False, True])
-def test_the_best_shade_lies_under_the_mark_of_the_estimate(state, shown, dark):
+def test_the_best_shade_lies_under_the_mark_of_the_estimate_and_nothing_leaves_the_picture(state, shown, dark):
     state, palette = state.with_view(dark=dark), DARK if dark else LIGHT
-    bare = replace(shown, optimum=None, contour=None)
-    x, y = (SHARPNESS * at for at in shown.frame.pixel(shown.optimum))
-    around = draw_map_picture(state, bare)[round(y) - 6 : round(y) + 7, round(x) - 6 : round(x) + 7].astype(int)
-    best = np.array(rgb(palette.shades[-1]))
-    assert np.abs(around - best).sum(axis=-1).min() < 30
-    marked = draw_map_picture(state, shown)[round(y), round(x)]
-    assert marked.tolist() == rgb(palette.best)
+    x, y = (round(SHARPNESS * at) for at in shown.frame.pixel(shown.optimum))
+    bare = draw_map_picture(state, replace(shown, optimum=None, contour=None))
+    around = bare[y - 6 : y + 7, x - 6 : x + 7].astype(int)
+    assert np.abs(around - np.array(rgb(palette.shades[-1]))).sum(axis=-1).min() < 30
+    picture = draw_map_picture(state, shown)
+    assert picture[y, x].tolist() == rgb(palette.best)
+    assert picture.shape == (SHARPNESS * MapFrame.height, SHARPNESS * MapFrame.width, 3)
+    edge = np.concatenate([picture[0], picture[-1], picture[:, 0], picture[:, -1]])
+    assert (edge == rgb(palette.paper)).all()
 
 
 @pytest.mark.parametrize("palette", [LIGHT, DARK])
@@ -59,26 +60,12 @@ def test_lightness_alone_tells_better_from_worse(palette):
     assert abs(light[-1] - light[0]) > 120
 
 
-@pytest.mark.slow
-def test_the_picture_has_its_size_and_nothing_leaves_it(state, shown):
-    picture = draw_map_picture(state, shown)
-    assert picture.shape == (SHARPNESS * MapFrame.height, SHARPNESS * MapFrame.width, 3)
-    edge = np.concatenate([picture[0], picture[-1], picture[:, 0], picture[:, -1]])
-    assert (edge == rgb(LIGHT.paper)).all()
-
-
 @pytest.mark.parametrize("dark", [False, True])
 def test_pinned_variants_are_drawn_at_their_pair(state, shown, dark):
     pinned = set_dark(dark)(pin_present(state))
     x, y = (round(SHARPNESS * at) for at in shown.frame.pixel(exponents_of(state.tuning.q, state.tuning.r)))
     patch = draw_map_picture(pinned, shown)[y - 10 : y + 10, x - 10 : x + 10].reshape(-1, 3).tolist()
     assert rgb(pinned.variants[0].css(dark=dark)) in patch
-
-
-def test_the_title_says_for_which_momentum_the_map_holds():
-    assert title_of(0.0, 0.01) == "lag"
-    assert title_of(24.0, 0.01) == "at momentum 240 ms: lag"
-    assert title_of(24.0, None) == "at momentum 24 samples: lag"
 
 
 def test_where_there_is_no_map_the_reason_is_written(state):
@@ -102,17 +89,13 @@ def test_a_lag_is_told_in_one_unit(period, lag, words):
     assert lag_words(lag, period) == words
 
 
-@pytest.mark.parametrize(
-    ("exponent", "text"),
-    [(0, "1"), (-3, "0.001"), (-4, "1e-4"), (3, "1\u202f000"), (4, "1e4"), (5, "1e5"), (-12, "1e-12")],
-)
+@pytest.mark.parametrize(("exponent", "text"), [(-3, "0.001"), (-4, "1e-4"), (3, "1\u202f000"), (4, "1e4")])
 def test_ticks_are_written_as_all_other_numbers(exponent, text):
     assert tick(exponent) == text
 
 
-@pytest.mark.parametrize("dark", [False, True])
-def test_the_mark_of_the_present_point_is_see_through_around_its_ring(dark):
-    ring = draw_ring(dark=dark)
+def test_the_mark_of_the_present_point_is_see_through_around_its_ring():
+    ring = draw_ring(dark=False)
     assert ring.shape == (64, 64, 4)
     assert ring[0, 0, 3] == 0
     assert ring[20, 32, 3] == 0
