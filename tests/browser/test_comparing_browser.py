@@ -1,10 +1,10 @@
-"""The tabs Compare, Spectrum and Allan and the report, as the user sees them, light and dark."""
+"""The tabs Compare, Spectrum and Allan and the report, as the user sees them."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
-from screen import FIND, PICTURES
+from screen import FIND
 
 from kalscope import kalman_filter, open_source, starting_params, steady_state
 from kalscope.analysis.alternatives import compare_alternatives
@@ -14,7 +14,7 @@ from kalscope.common.text import frequency
 pytestmark = pytest.mark.browser
 
 
-def test_simpler_filters_spectrum_and_allan_deviation_in_both_themes(start):
+def test_simpler_filters_spectrum_and_allan_deviation(start):
     screen = start("demo")
     demo = open_source("demo")
     z = demo.values[:, 0]
@@ -46,15 +46,6 @@ def test_simpler_filters_spectrum_and_allan_deviation_in_both_themes(start):
     x, y = screen.line("recording")
     assert np.allclose(x, allan.tau)
     assert np.allclose(y, allan.deviation)
-
-    screen.tab("View")
-    screen.page.get_by_text("dark theme").first.click()
-    screen.wait("() => document.documentElement.dataset.mantineColorScheme === 'dark'")
-    screen.page.wait_for_timeout(2500 if PICTURES else 0)  # the studies follow after a pause, with dark colours
-    for name in ("Noise", "Compare"):
-        screen.tab(name)
-        screen.page.wait_for_timeout(300 if PICTURES else 0)
-        screen.shot(f"{name.lower()}-dark")
 
 
 def test_a_filter_of_compare_leaves_for_the_board_and_the_kalman_filter_comes_back(start):

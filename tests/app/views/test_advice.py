@@ -118,22 +118,14 @@ def test_the_still_stretch_is_found_once_for_a_recording(state, monkeypatch):
     assert len(asked) == 1
 
 
-def build(session):
-    """The view in a panel whose widgets keep what they are given."""
-    gui = MagicMock()
+def test_the_header_shows_one_word_the_headline_and_a_button_for_what_can_be_done(state):
+    gui, checks = MagicMock(), compute_checks(state)
     for add in (gui.add_markdown, gui.add_button):
         add.side_effect = lambda *_args, **_values: SimpleNamespace(on_click=MagicMock(), visible=False)
-    view = VerdictView(gui, session)
+    view = VerdictView(gui, Session(state))
     view.build_reasons(gui)
-    return view
-
-
-def test_the_header_shows_one_word_the_headline_and_a_button_for_what_can_be_done(state):
-    view, checks = build(Session(state)), compute_checks(state)
-    advice = (
-        Finding("spikes", "spikes: 3", actions.SetGate(4.0)),
-        Finding("too_few", "too few", actions.RecordLonger()),
-    )
+    gate, longer = actions.SetGate(4.0), actions.RecordLonger()
+    advice = Finding("spikes", "spikes: 3", gate), Finding("too_few", "too few", longer)
     bad = Judgement(status="spikes", headline="Spikes mislead the fit.", findings=advice, word="spikes", tone="bad")
     view.show_checks(replace(checks, judgement=bad))
     assert (view._word.label, view._word.color) == ("spikes", COLOURS["bad"])
@@ -142,22 +134,9 @@ def test_the_header_shows_one_word_the_headline_and_a_button_for_what_can_be_don
     assert (first._text.content, first._button.label) == ("Spikes: 3.", "Switch the gate on (4 σ)")
     assert [row._text.visible for row in (first, second)] == [True, True]
     assert [row._button.visible for row in (first, second)] == [True, False]
-    view.show_checks(
-        replace(checks, judgement=Judgement(status="fits", headline="It fits.", word="fits", tone="good"))
-    )
+    good = Judgement(status="fits", headline="It fits.", word="fits", tone="good")
+    view.show_checks(replace(checks, judgement=good))
     assert (view._word.label, view._word.color) == ("fits", COLOURS["good"])
     assert not any(row._text.visible or row._button.visible for row in (first, second))
     view.show_checks(None)
     assert (view._word.label, view._headline.content) == ("no verdict", UNJUDGED)
-
-
-def test_a_click_on_the_word_shows_the_reasons_and_another_hides_them(state, monkeypatch):
-    session, clicks = Session(state), []
-    monkeypatch.setattr("kalscope_app.views.checks.on_user", lambda _subscribe, act: clicks.append(act))
-    view = build(session)
-    for shown in (True, False):
-        clicks[0](None)
-        state, _, failures = session.apply_requests()
-        assert (state.view.why_shown, failures) == (shown, [])
-        view.show(SimpleNamespace(state=state))
-        assert view._why.visible is shown

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from kalscope_app.engine.filter_runs import choose_indices
-from kalscope_app.views.charts import Scale, drawable, range_text, scale_for, time_scale_for
+from kalscope_app.views.charts import drawable, range_text, scale_for, time_scale_for
 
 NAN, INF = math.nan, math.inf
 
@@ -16,7 +16,6 @@ NAN, INF = math.nan, math.inf
 @pytest.mark.parametrize(
     ("y", "drawn"),
     [
-        ([1, 2, 3], [1, 2, 3]),
         ([NAN, 2, 3], [2, 2, 3]),
         ([1, NAN, 3], [1, 1, 3]),
         ([1, 2, NAN], [1, 2, 2]),
@@ -108,6 +107,3 @@ def test_time_is_shown_in_the_unit_that_suits_it(span, period, unit):
 )
 def test_the_ends_of_the_view_are_told_apart_and_no_longer_than_that(first, last, text):
     assert range_text(first, last) == text
-
-
-V, MV = Scale(1.0, "V"), Scale(1e3, "mV")

@@ -40,13 +40,9 @@ def test_the_ends_and_the_extremes_stay(n, truth, seed):
 
 @pytest.mark.parametrize(("n", "missing"), [(2, 0.0), (2000, 0.0), (50_000, 0.01)])
 def test_samples_that_can_be_seen_one_by_one_all_stay(n, missing):
-    assert places_to_keep(frame_of(n, missing=missing), Cache()) is None
-
-
-def test_rings_around_samples_that_were_set_aside_all_stay():
-    frame = frame_of(5000)
-    rings = np.full(len(frame.drawn.indices), np.nan)
-    assert places_to_keep(replace(frame, set_aside=rings), Cache()) is None
+    frame = frame_of(n, missing=missing)
+    assert places_to_keep(frame, Cache()) is None
+    assert places_to_keep(replace(frame_of(5000), set_aside=frame.filtered), Cache()) is None  # so do rings
 
 
 def test_the_points_are_chosen_once_for_a_view():
