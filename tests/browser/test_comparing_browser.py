@@ -26,7 +26,6 @@ def test_simpler_filters_spectrum_and_allan_deviation(start):
     screen.wait_for_line("yours", found["lag"].present.curve)
     screen.wait_for_line("Moving average", found["lag"].others[0].curve)
     screen.page.get_by_text(found["lag"].verdict.partition(". ")[0]).first.wait_for()
-    screen.shot("compare-lag")
     screen.choose("matched by", "the same noise reduction")
     screen.choose("draw", "Median")
     screen.wait_for_line("Median", found["noise"].others[2].curve)
@@ -62,13 +61,11 @@ def test_a_filter_of_compare_leaves_for_the_board_and_the_kalman_filter_comes_ba
     screen.page.get_by_role("tab", name="Export", selected=True).wait_for()
     screen.page.get_by_text("One-euro (cut-off").first.wait_for()
     screen.page.get_by_text("runs now. The comparison is with the Kalman filter of q and r.").wait_for()
-    screen.shot("compare-chain")
     screen.tab("Signal")
     screen.wait_for_line("filtered", euro.curve)
     screen.tab("Tune")
     screen.page.get_by_text("This filter has no q and r").wait_for()
     assert screen.page.get_by_text("process noise q").count() == 0
-    screen.shot("signal-chain")
     screen.page.get_by_role("button", name="Back to the Kalman filter").click()
     screen.wait_for_line("filtered", kalman_filter(demo.values[:, 0], params).x)
     screen.page.get_by_text("process noise q").first.wait_for()
@@ -86,4 +83,3 @@ def test_the_report_is_one_sheet_of_paper(start):
     sheet.set_content(html)
     assert sheet.pdf(prefer_css_page_size=True).count(b"/Type /Page\n") == 1  # one sheet of A4
     sheet.close()
-    screen.shot("export-report")

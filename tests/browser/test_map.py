@@ -10,7 +10,7 @@ from PIL import Image
 from screen import pixels
 from waiting import wait_until
 
-from kalscope import FilterParams, estimate, kalman_filter, open_source, starting_params
+from kalscope import kalman_filter, open_source, starting_params
 from kalscope_app.engine.filter_runs import Cache
 from kalscope_app.program.user_settings import UserSettings
 from kalscope_app.session.opening import opened
@@ -127,19 +127,6 @@ def test_dragging_the_point_tunes_live_and_is_one_gesture(start_map):
     wait_for_filter(q, r)
 
 
-def test_a_click_on_the_best_pair_gives_the_estimate_within_a_cell(start_map):
-    screen = start_map("demo")
-    z = open_source("demo").values[:, 0]
-    best = estimate(z)
-    screen.type("process noise q", "3")  # the demo begins at its best pair
-    before = wait_until(lambda: [3.0, best.r] == pytest.approx(now := screen.values(), rel=1e-6) and now)
-    screen.wait_for_map()
-    screen.page.mouse.click(*screen.at(best.q, best.r))
-    new = screen.settle(before)
-    assert np.log10(new) == pytest.approx(np.log10([best.q, best.r]), abs=0.05)
-    screen.wait_for_line("filtered", kalman_filter(z, FilterParams(*new, momentum=best.momentum)).x, tolerance=1e-9)
-
-
 def test_the_map_fits_its_canvas_in_both_themes_and_at_three_sizes(start_map):
     screen = start_map("demo", width=1920, height=1080)
     for theme, width, height in (("light", 1920, 1080), ("light", 1280, 720), ("dark", 1600, 900)):
@@ -172,7 +159,6 @@ def test_the_map_can_be_magnified_and_moved(start_map):
 
     turn_wheel(-1)
     wait_until(lambda: not screen.is_drawn(screen.look()), "the map magnified", pause=0.2)
-    screen.shot("map-magnified")
     before = screen.values()
     mouse.click(x, y)  # what is under the mouse stays there
     assert screen.settle(before) == pytest.approx([q, r], rel=0.06)  # the mouse is told in whole pixels
@@ -206,4 +192,3 @@ def test_the_map_stays_as_it_was_left_and_a_narrow_window_has_none(start, tmp_pa
     screen.wait(f"() => ({CANVAS})()[2] < 200")
     screen.wait_for_fit()
     screen.page.get_by_role("button", name="Hide map").wait_for(state="hidden")
-    screen.shot("narrow-without-map")

@@ -32,14 +32,10 @@ class Board:
         self.used = {"q": np.float32(1.0), "r": np.float32(1.0), "p": np.float32(np.inf)}
         if momentum is not None:
             self.used["t"] = np.float32(momentum)
-        self.says, self.asked = says or {}, []
+        self.says, self.asked, self.commands = says or {}, [], self
 
     def snapshot(self):
         return None
-
-    @property
-    def commands(self):
-        return self
 
     def send(self, line, is_reply, **_):
         self.asked.append(line)
@@ -76,13 +72,9 @@ def test_fused_sensors_cannot_be_sent_to_a_running_board_and_the_folder_says_so(
         send_setting(fused, board)
     assert board.asked == []
     view = BoardView(gui := MagicMock(), MagicMock(), MagicMock(), MagicMock(), MagicMock())
-    button, how = gui.add_button.return_value, view._how
-    for shown, words in (
-        (fused, "takes no values while it runs"),
-        (state, "Its filter restarts with"),
-    ):
+    for shown, words in (fused, "takes no values while it runs"), (state, "Its filter restarts with"):
         view.show(SimpleNamespace(state=shown))
-        assert (button.visible, words in how.content) == (shown is state, True)
+        assert (gui.add_button.return_value.visible, words in view._how.content) == (shown is state, True)
 
 
 MEDIAN_ANSWER = "# light q=0 r=0 p=0 m=5 bits=3F800000,3F800000,7F800000"
