@@ -8,6 +8,7 @@ import logging
 import threading
 from collections.abc import Callable, Collection
 from dataclasses import fields
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ import viser
 
 from kalscope.errors import KalscopeError, describe
 from kalscope_app.engine.engine import Engine, Part, Studies, Study
+from kalscope_app.engine.filter_runs import Cache
 from kalscope_app.engine.frame import Frame
 from kalscope_app.engine.jobs import Jobs
 from kalscope_app.live import BoardConnection, BoardRecording
@@ -23,9 +25,9 @@ from kalscope_app.session.changes import as_it_was_left
 from kalscope_app.session.opening import later_answers, with_firsts
 from kalscope_app.session.session import Session
 from kalscope_app.session.state import State
-from kalscope_app.studies.checks import FusionJudge, StillStretches, compute_allan, compute_checks, compute_spectra
-from kalscope_app.studies.comparisons import AlternativesStudy, Overviews, VariantTable
-from kalscope_app.studies.tuning_map import MapMaker
+from kalscope_app.studies.checks import compute_allan, compute_checks, compute_spectra, judge_sensors, still_stretch
+from kalscope_app.studies.comparisons import compute_alternatives, compute_overview, compute_variants
+from kalscope_app.studies.tuning_map import compute_map
 from kalscope_app.views.board import BoardView, compared
 from kalscope_app.views.chart_tabs import AllanView, AlternativesView, ChannelsView, SpectrumView
 from kalscope_app.views.checks import ChecksView, VerdictView
@@ -78,11 +80,12 @@ class Dashboard:
         self._last: Frame | None = None
         self._kept, self._opened, self._written = KeptTunings(), "", None
         self._map = TuningMapView(self.session)
-        self._phones = PhonePictures(server)
+        self._phones = PhonePictures()
         self._build(folder)
-        make_map, still, judge = MapMaker(), StillStretches(), FusionJudge()
+        judge, still = partial(judge_sensors, kept=Cache()), partial(still_stretch, kept=Cache())
+        make_map = partial(compute_map, kept=Cache())
         rounds = [
-            self._study(VariantTable().compute, self._variants.show_table),
+            self._study(partial(compute_variants, kept=Cache()), self._variants.show_table),
             Study(
                 lambda state: (state, make_map(state)) if state.view.map_shown else None,
                 lambda answer: self._draw(answer, self._map.show),  # not as a batch: frames must not wait for it
@@ -90,14 +93,14 @@ class Dashboard:
             ),
             self._study(compared, self._board.show_check),
             self._study(
-                lambda state: judge.of(state) or compute_checks(state, still.of),
+                lambda state: judge(state) or compute_checks(state, still),
                 *(self._verdict.show_checks, self._checks.show, self._fusion.show_judged),
             ),
             self._study(lambda state: device_notes(state, self._code.choice), self._code.show_notes),
-            self._study(Overviews().compute, self._channels.show_overview),
+            self._study(partial(compute_overview, kept=Cache()), self._channels.show_overview),
             self._study(compute_spectra, self._spectrum.show),
             self._study(compute_allan, self._allan.show),
-            self._study(AlternativesStudy().compute, self._alternatives.show),
+            self._study(partial(compute_alternatives, kept=Cache()), self._alternatives.show),
             Study(self._keep_tuning, lambda _kept: None, lambda error: log.info("not kept: %s", describe(error))),
         ]
         self.engine = Engine(self.session, self.show, tell, Studies(rounds), self._fail)
@@ -164,7 +167,7 @@ class Dashboard:
         with gui.add_folder(MORE_FOLDER, expand_by_default=False):
             self._fusion = FusionView(gui, self.session, self._jobs)
             self._more = MoreView(gui, self.session)
-        self._verdict.connect(self.session, self._goal)
+        self._verdict.search = self._goal.search
 
     def start(self) -> None:
         """Connect the board if there is one and show the first frame; returns once it is drawn, or after 60 s."""

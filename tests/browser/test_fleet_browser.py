@@ -12,9 +12,10 @@ from required import not_here
 from waiting import wait_until
 
 from kalscope.fleet.results import read_fleet, reopen
+from kalscope_app.engine.filter_runs import Cache
 from kalscope_app.session.changes import at_device, open_fleet
 from kalscope_app.session.opening import opened
-from kalscope_app.studies.tuning_map import MapFrame, MapMaker
+from kalscope_app.studies.tuning_map import compute_map
 
 try:
     import pyarrow  # noqa: F401
@@ -89,8 +90,8 @@ def test_a_fleet_is_listed_and_its_devices_open_from_the_table_and_the_map(scree
     page.get_by_text("at the filter for all").click()
     state = open_fleet(fleet)(opened(reopen(fleet.devices.ids[NOISY], fleet.devices.sources[NOISY], fleet.note)))
     state = at_device(fleet, NOISY)(state)
-    shown = MapMaker()(state)
-    frame = MapFrame(shown.q, shown.r)
+    shown = compute_map(state, Cache())
+    frame = shown.frame
     wait_until(lambda: mark(page) == pytest.approx(share_of(frame, own), abs=1e-4), "the map of this device")
     far = max((i for i in range(12) if i != NOISY), key=lambda i: abs(np.log(fleet.devices.q[i] / 0.04)))
     at = frame.pixel((np.log10(fleet.devices.q[far]), np.log10(fleet.devices.r[far])))

@@ -11,12 +11,13 @@ from kalscope.filtering.classic import Butterworth, Chain, Exponential, Median, 
 from kalscope.recording import Recording
 from kalscope.tuning.file import dumps, loads
 from kalscope.tuning.tuning import chain_text, typed_chain
+from kalscope_app.engine.filter_runs import Cache
 from kalscope_app.session import changes
 from kalscope_app.session.changes import pin_present, set_median, use_chain, use_variant
 from kalscope_app.session.opening import opened
 from kalscope_app.session.session import Session
 from kalscope_app.session.state import SAME_LAG
-from kalscope_app.studies.comparisons import VariantTable
+from kalscope_app.studies.comparisons import compute_variants
 from kalscope_app.views.variants import table_text
 
 EURO = OneEuro(0.02, 0.7, 0.1)
@@ -61,7 +62,7 @@ def test_a_chain_is_pinned_beside_the_kalman_filter_and_used_again(state):
     assert use_variant("B")(tuned).tuning.chain == Chain(5, EURO)
     for curve, pin in zip(frame_of(tuned).variants, tuned.variants, strict=True):
         assert np.array_equal(curve, pin.tuning.filter.run(tuned.z).x, equal_nan=True)
-    current, kalman, euro = table_text(VariantTable().compute(tuned)).split("\n")[2:5]
+    current, kalman, euro = table_text(compute_variants(tuned, Cache())).split("\n")[2:5]
     assert "Median of 3, then Kalman" in current.replace("\u00a0", " ")
     assert "| Kalman |" in kalman
     assert "Median of 5, then one-euro" in euro

@@ -15,6 +15,7 @@ from kalscope.errors import BadSetting
 from kalscope.estimation.pool import Losses
 from kalscope.fleet.results import Fleet, RunNote, Shared, read_fleet, reopen
 from kalscope.sources.grammar.read_options import ReadOptions
+from kalscope_app.engine.filter_runs import Cache
 from kalscope_app.session.changes import (
     at_device,
     close_fleet,
@@ -27,10 +28,10 @@ from kalscope_app.session.changes import (
 from kalscope_app.session.opening import opened
 from kalscope_app.session.session import Session, undo
 from kalscope_app.session.state import MAX_ROWS, ORDERS, OpenFleet
-from kalscope_app.studies.tuning_map import CELLS, MapFrame, MapMaker, fleet_layer
+from kalscope_app.studies.tuning_map import MapFrame, compute_map, fleet_layer
 from kalscope_app.views.charts import DARK, LIGHT
 from kalscope_app.views.fleet import device_labels, fleet_rows, fleet_table
-from kalscope_app.views.map import SHARPNESS, draw_map_picture, picture_input
+from kalscope_app.views.map import SHARPNESS, draw_map_picture
 
 
 @pytest.fixture(scope="module")
@@ -142,7 +143,6 @@ def large(n=100_000):
 def test_a_small_fleet_is_points_at_their_q_and_r():
     fleet = fleet_of([0.1, np.nan, 1.0, 0.0], [1.0, 1.0, 0.01, 1.0])
     layer = fleet_layer(OpenFleet(fleet), *RANGES)
-    assert layer.density is None
     assert sorted(zip(layer.devices.tolist(), layer.points.tolist(), strict=True)) == [
         (0, [-1.0, 0.0]),
         (2, [0.0, -2.0]),
@@ -150,15 +150,12 @@ def test_a_small_fleet_is_points_at_their_q_and_r():
     assert layer.shared == pytest.approx((-2.0, 0.0))
 
 
-def test_a_large_fleet_is_a_density_with_its_outliers_as_points():
+def test_the_outliers_of_a_large_fleet_are_drawn_last_and_can_be_clicked():
     fleet = large()
-    layer = fleet_layer(OpenFleet(fleet), *RANGES)
-    assert sorted(layer.devices.tolist()) == list(range(40))
-    assert layer.density.shape == CELLS[::-1]
-    row, column = np.unravel_index(layer.density.argmax(), layer.density.shape)
-    fullest = -6 + (column + 0.5) / CELLS[0] * 8, -4 + (row + 0.5) / CELLS[1] * 6
-    assert fullest == pytest.approx((-2.0, 0.0), abs=0.15)
-    assert layer.density.max() == 1.0
+    layer, frame = fleet_layer(OpenFleet(fleet), *RANGES), MapFrame(*RANGES)
+    assert sorted(layer.devices[-40:].tolist()) == list(range(40))
+    for device, point in zip(layer.devices[-3:], layer.points[-3:], strict=True):
+        assert layer.nearest(frame, frame.pixel(point)) == device
 
 
 def test_a_click_takes_the_nearest_point_and_none_from_afar():
@@ -173,14 +170,14 @@ def test_a_click_takes_the_nearest_point_and_none_from_afar():
 
 def map_of(fleet):
     state = open_fleet(fleet)(opened(synthesize("random_walk", n=1000, seed=1)))
-    shown = MapMaker()(state)
-    return state, shown, MapFrame(shown.q, shown.r)
+    shown = compute_map(state, Cache())
+    return state, shown, shown.frame
 
 
 @pytest.mark.parametrize("dark", [False, True])
 def test_the_picture_has_a_point_in_its_colour_where_the_device_is(dark):
     state, shown, frame = map_of(fleet_of([1e-4, 0.3], [0.1, 0.1], growth=[0.0, 0.5]))
-    picture = draw_map_picture(picture_input(state.with_view(dark=dark), shown, frame))
+    picture = draw_map_picture(state.with_view(dark=dark), shown)
     palette = DARK if dark else LIGHT
     for (q, r), kind in ((-4.0, -1.0), 0), ((np.log10(0.3), -1.0), 2):
         x, y = (round(SHARPNESS * at) for at in frame.pixel((q, r)))

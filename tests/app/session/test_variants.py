@@ -9,11 +9,11 @@ import pytest
 
 from kalscope import BadSetting, Recording, kalman_filter, steady_state
 from kalscope.papers.generalized import GeneralizedParams
-from kalscope_app.engine.filter_runs import FilterRuns, choose_samples
+from kalscope_app.engine.filter_runs import Cache, FilterRuns, choose_samples
 from kalscope_app.session.changes import delete_variant, pin_present, select_channel, set_text, use_variant
 from kalscope_app.session.opening import opened
 from kalscope_app.session.state import MAX_VARIANTS
-from kalscope_app.studies.comparisons import VariantTable
+from kalscope_app.studies.comparisons import compute_variants
 
 
 def recording(n=400):
@@ -84,7 +84,7 @@ def test_curves_are_the_filter_at_the_drawn_samples_and_are_computed_once(state)
 
 def test_the_table_holds_what_each_setting_does(state):
     tuned = pin(state, 1, 2)
-    table = VariantTable().compute(set_text("q", "0.5")(tuned))
+    table = compute_variants(set_text("q", "0.5")(tuned), Cache())
     assert [row.variant for row in table.rows] == [None, *tuned.variants]
     for row, q in zip(table.rows, (0.5, 1, 2), strict=True):
         result = kalman_filter(tuned.recording.channel("a"), row.tuning.params)

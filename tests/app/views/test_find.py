@@ -211,6 +211,7 @@ def test_checks_say_too_slow_and_how_much(state):
     checks = compute_checks(slow)
     assert "raise q" in checks.all_samples.advice
     assert table(checks).count("\n|") >= 8
-    lags, (low, high, correlation), _ = correlation_lines(checks)
+    lags, lines = correlation_lines(checks)
+    low, high, correlation = (one.y for one in lines)
     assert lags[0] == 1
     assert correlation[0] > high[0] > 0 > low[0]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+from functools import partial
 
 import numpy as np
 import pytest
@@ -10,16 +11,16 @@ import pytest
 from kalscope import BadSetting, Recording, estimate_fusion, fuse
 from kalscope.errors import Cancelled
 from kalscope_app.dashboard import Dashboard
-from kalscope_app.engine.filter_runs import choose_samples
+from kalscope_app.engine.filter_runs import Cache, choose_samples
 from kalscope_app.engine.frame import compute_frame
 from kalscope_app.guard.server import guarded_server
 from kalscope_app.live import send_setting
 from kalscope_app.session.changes import apply_estimate, pin_present, select_channel, set_taking_part, share_line
 from kalscope_app.session.opening import opened
 from kalscope_app.session.session import Session
-from kalscope_app.studies.checks import FusionJudge
-from kalscope_app.studies.comparisons import Overviews, VariantTable
-from kalscope_app.studies.tuning_map import MapMaker
+from kalscope_app.studies.checks import judge_sensors
+from kalscope_app.studies.comparisons import compute_overview, compute_variants
+from kalscope_app.studies.tuning_map import compute_map
 from kalscope_app.views.chart_tabs import lead_of
 from kalscope_app.views.export import Choice, csv, files_of, limits_text
 from kalscope_app.views.variants import FOR_ONE_CHANNEL, table_text
@@ -95,25 +96,25 @@ def test_the_job_fits_the_ticked_sensors_by_a_reference_and_can_be_cancelled(vie
 
 @pytest.mark.slow
 def test_the_verdict_names_the_sensor_that_drifts_and_is_good_without_it(state):
-    judge = FusionJudge()
-    good = judge.of(state)
+    judge = partial(judge_sensors, kept=Cache())
+    good = judge(state)
     assert (good.judgement.word, good.judgement.tone, good.judgement.findings) == ("fused", "good", ())
     assert "less" in good.judgement.headline
     assert any("offset" in note for note in good.notes)
     drifting = fused(greenhouse(drift=2.0))
-    bad = judge.of(drifting).judgement
+    bad = judge(drifting).judgement
     assert (bad.word, bad.tone) == ("door disagrees", "bad")
     assert "door drifts" in bad.findings[0].text
-    assert judge.of(set_taking_part("door", False)(drifting)).judgement.tone == "good"
-    assert judge.of(select_channel("roof")(drifting)) is None
+    assert judge(set_taking_part("door", False)(drifting)).judgement.tone == "good"
+    assert judge(select_channel("roof")(drifting)) is None
     alike = greenhouse()
     alike.values[:, 1:3] += np.random.default_rng(3).normal(0.0, 0.5, (800, 1))
-    shared = judge.of(fused(alike)).judgement
+    shared = judge(fused(alike)).judgement
     assert (shared.word, shared.tone) == ("sensors share noise", "bad")
     assert "roof and door share noise (correlation 0.8" in shared.headline
     silent = greenhouse()
     silent.values[300:500, 1] = np.nan
-    quiet = judge.of(fused(silent)).judgement
+    quiet = judge(fused(silent)).judgement
     assert (quiet.word, quiet.tone) == ("roof sent no data", "note")
 
 
@@ -135,10 +136,10 @@ def test_what_belongs_to_one_channel_is_refused_in_words(state):
         pin_present(state)
     with pytest.raises(BadSetting, match="fused sensors"):
         send_setting(state, None)
-    assert "one channel" in MapMaker()(state).note
+    assert "one channel" in compute_map(state, Cache()).note
     assert any("tuning file" in remark for remark in share_line(state).remarks)
 
 
 def test_the_tabs_about_one_channel_do_not_speak_of_a_current_one(state):
-    assert table_text(VariantTable().compute(state)) == FOR_ONE_CHANNEL
-    assert "current channel" not in lead_of(Overviews().compute(state))
+    assert table_text(compute_variants(state, Cache())) == FOR_ONE_CHANNEL
+    assert "current channel" not in lead_of(compute_overview(state, Cache()))
