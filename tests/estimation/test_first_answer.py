@@ -9,8 +9,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from each import each
+from scipy.signal import lfilter
 
-from kalscope import FilterParams, denoise, starting_params, steady_state
+from kalscope import FilterParams, denoise, estimate, starting_params, steady_state
 from kalscope.estimation.request import HARDLY, find_parameters, proposed_lag
 from kalscope.estimation.settings import movement_lost, noise_left
 
@@ -133,3 +134,19 @@ def test_a_code_for_no_echo_neither_starts_nor_moves_the_filter_and_a_step_is_fo
     assert "400 came" in found.message
     only = replace(found.estimate.params, gate=16.0)
     assert rms(x - truth) < 0.5 * rms(denoise(z, only) - truth)
+
+
+def test_of_a_long_record_spikes_and_momentum_are_found_as_of_a_short_one():
+    """Parts of it decide what is set aside and whether there is momentum; q, r and momentum are of all of it."""
+    rng = np.random.default_rng(5)
+    n = 300_000
+    truth = np.cumsum(lfilter([0.1], [1.0, -math.exp(-1.0 / 40.0)], rng.normal(size=n)))
+    z, spikes = truth + rng.normal(0.0, 3.0, n), np.flatnonzero(rng.random(n) < 0.01)
+    z[spikes] += 60.0
+    found = find_parameters(z)
+    aside = np.flatnonzero(found.estimate.outliers)
+    assert np.isin(spikes, aside).all()
+    assert len(aside) < 1.02 * len(spikes)
+    assert found.params.momentum == pytest.approx(40.0, rel=0.05)
+    clean = estimate(np.where(found.estimate.outliers, math.nan, z), robust=False)
+    assert (found.params.momentum, found.params.ratio) == (clean.momentum, pytest.approx(clean.ratio, rel=1e-9))
