@@ -121,7 +121,9 @@ def _scale_words(q: float, r: float) -> str:
 # Does the filter fit? One coloured word above the tabs; a click shows or hides why, and what to do about it.
 
 
-UNJUDGED = "These tests judge the Kalman filter of one channel; another filter is on screen."
+UNJUDGED = (
+    "These tests judge the Kalman filter of one channel. Another filter runs here, or q and r are still to be found."
+)
 
 COLOURS = {"good": (0, 122, 90), "note": (150, 82, 0), "bad": (196, 46, 22)}
 """Of the word, by tone; the page lightens them for the dark theme."""
