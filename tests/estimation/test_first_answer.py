@@ -11,9 +11,9 @@ import pytest
 from each import each
 from scipy.signal import lfilter
 
-from kalscope import FilterParams, denoise, estimate, starting_params, steady_state
-from kalscope.estimation.request import HARDLY, find_parameters, proposed_lag
-from kalscope.estimation.settings import movement_lost, noise_left
+from kalscope import FilterParams, denoise, estimate, ratio_for, starting_params, steady_state
+from kalscope.estimation.request import HARDLY, Request, find_parameters, proposed_lag
+from kalscope.estimation.settings import momentum_gain, movement_lost, noise_left
 
 N, PERIOD = 2000, 0.02
 TIME = PERIOD * np.arange(N)
@@ -67,6 +67,34 @@ def test_with_noise_it_is_as_good_as_the_best_fixed_q_r_and_momentum(name):
         assert error(found.params) <= rms(z - truth)
         against_best.append(error(found.params) / best)
     assert np.median(against_best) <= 1.05
+
+
+@each("name", SIGNALS)
+def test_at_a_given_lag_the_momentum_of_the_best_fit_is_used_where_it_leaves_less_error_than_none(name):
+    movement, noise = SIGNALS[name]
+    rng = np.random.default_rng([7, list(SIGNALS).index(name)])
+    truth = movement(rng)
+    z = truth + rng.normal(0.0, noise, N)
+    first = find_parameters(z).params
+    for lag in (steady_state(first).lag_samples, 1.0, 5.0):
+        found = find_parameters(z, Request(target={"lag_samples": lag})).params
+        ratios = {tau: ratio_for(lag_samples=lag, momentum=tau) for tau in (0.0, first.momentum)}
+        errors = [rms(denoise(z, FilterParams(ratio, 1.0, momentum=tau)) - truth) for tau, ratio in ratios.items()]
+        assert steady_state(found).lag_samples == pytest.approx(lag)
+        assert rms(denoise(z, found) - truth) <= 1.02 * min(errors)
+
+
+def test_advice_to_add_momentum_holds_what_it_says():
+    rng = np.random.default_rng(2)
+    truth = SIGNALS["sine"][0](rng)
+    z = truth + rng.normal(0.0, 10.0, N)
+    one = estimate(z)
+    for lag in (0.2, 0.4, 0.8):
+        plain = FilterParams(ratio_for(lag_samples=lag), 1.0)
+        moving = FilterParams(ratio_for(lag_samples=lag, momentum=one.momentum), 1.0, momentum=one.momentum)
+        errors = [rms(denoise(z, params) - truth) for params in (plain, moving)]
+        assert momentum_gain(z, None, plain, one) == pytest.approx(1.0 - errors[1] / errors[0], abs=0.04)
+    assert momentum_gain(z, None, one.params, one) == 0.0  # it has it
 
 
 WALK = np.cumsum(np.random.default_rng(3).normal(size=500))

@@ -16,6 +16,7 @@ from kalscope.analysis.judge import MAX_ADVICE, Judgement
 from kalscope.common.numbers import Array
 from kalscope.common.text import count, number, trimmed
 from kalscope.estimation.request import Noise, Request
+from kalscope.filtering.steady import steady_state
 from kalscope_app.engine.frame import Frame
 from kalscope_app.session.changes import (
     FOR_LAG,
@@ -48,6 +49,8 @@ def label_of(action: actions.Action | None, state: State) -> str:
     match action:
         case actions.EstimateAgain():
             words = "Fit again"
+        case actions.AddMomentum():
+            words = "Add momentum at this lag"
         case actions.SetSpikesAside():
             words = "Set the spikes aside and fit again"
         case actions.SetGate(sigma):
@@ -94,6 +97,9 @@ def request_of(action: actions.Action, state: State) -> Request | None:
             return replace(before, robust=True)  # what was known about the noise still is
         case actions.EstimateAgain():
             return Request()
+        case actions.AddMomentum(tau):
+            lag = float(steady_state(state.params).lag_samples)
+            return Request(target={"lag_samples": lag}, momentum=tau)
         case _:
             return None
 
@@ -121,9 +127,7 @@ def _scale_words(q: float, r: float) -> str:
 # Does the filter fit? One coloured word above the tabs; a click shows or hides why, and what to do about it.
 
 
-UNJUDGED = (
-    "These tests judge the Kalman filter of one channel. Another filter runs here, or q and r are still to be found."
-)
+UNJUDGED = "Nothing to judge: no Kalman filter of one channel runs here, or its q and r are still to be found."
 
 COLOURS = {"good": (0, 122, 90), "note": (150, 82, 0), "bad": (196, 46, 22)}
 """Of the word, by tone; the page lightens them for the dark theme."""

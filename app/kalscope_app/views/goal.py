@@ -53,7 +53,7 @@ def _target(
         asked = Request(target={name: factor * typed_number(label, texts[0])}, noise=_known_noise(state))
         if allowed:
             return replace(asked, overshoot=typed_number("overshoot", allowed) / 100.0)
-        return replace(asked, momentum=state.tuning.momentum or "auto")
+        return replace(asked, momentum=state.tuning.momentum or "auto") if with_overshoot else asked
 
     return SearchMethod(request, ((label, content), *(((OVERSHOOT, ""),) if with_overshoot else ())))
 
@@ -161,17 +161,12 @@ def method_of(state: State) -> SearchMethod:
 
 def costs_of(state: State) -> tuple[Cost, ...]:
     """What each lag costs on the channel on screen; () where that is not known."""
-    first = _first(state)
-    return () if first is None else first.costs
-
-
-def _first(state: State) -> Outcome | None:
-    return next((one for one in state.settings.firsts if one.before.name == state.channel), None)
+    return () if state.first is None else state.first.costs
 
 
 def settings_of(state: State) -> dict[str, Cost]:
     """The three settings by name, where the signal shows hardly any noise; else none."""
-    first = _first(state)
+    first = state.first
     hardly = first is not None and first.request is not None and first.request.setting in SETTINGS
     return {one.name: one for one in costs_of(state) if one.name and hardly}
 

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from kalscope.common.numbers import Array
+from kalscope.errors import BadSetting
 from kalscope.estimation.result import Estimate
 from kalscope.filtering.filter import denoise, kalman_filter, smooth
 from kalscope.filtering.params import MAX_VARIANCE, FilterParams
@@ -76,6 +77,28 @@ def movement_lost(movement: Array, params: FilterParams, dt: Array | None) -> fl
         return 0.0
     size = float(np.nanstd(movement))
     return _rms(denoise(movement, params, dt) - movement) / size if size > 0.0 else 0.0
+
+
+def expected_error(movement: Array, params: FilterParams, r: float, dt: Array | None) -> float:
+    """The RMS error that a filter leaves: what it changes of the movement, and of noise of variance r, unit²."""
+    return math.hypot(_rms(denoise(movement, params, dt) - movement), math.sqrt(r) * noise_left(params))
+
+
+def momentum_gain(z: Array, dt: Array | None, params: FilterParams, one: Estimate) -> float:
+    """The share by which the momentum of an estimate makes the error of a filter smaller at the same lag.
+
+    It is below 0 where momentum makes it larger, and 0 where the filter has momentum, the estimate has none, or
+    the estimate is of a part of the record.
+    """
+    r, tau, aside = float(one.r), float(one.momentum), one.outliers
+    if params.momentum or not tau or not r > 0.0 or (aside is not None and len(aside) != len(z)):
+        return 0.0
+    try:
+        ratio = ratio_for(lag_samples=steady_state(params).lag_samples, momentum=tau)
+    except BadSetting:  # it follows at once, or never
+        return 0.0
+    movement, moving = movement_of(z, dt, one), FilterParams(q=ratio, r=1.0, momentum=tau)
+    return 1.0 - expected_error(movement, moving, r, dt) / expected_error(movement, params, r, dt)
 
 
 def cost_curve(movement: Array, dt: Array | None) -> tuple[Cost, ...]:

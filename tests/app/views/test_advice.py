@@ -9,11 +9,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from kalscope import Recording, estimate
+from kalscope import Recording, estimate, open_source, steady_state
 from kalscope.analysis import actions
 from kalscope.analysis.findings import Finding
 from kalscope.analysis.judge import Judgement
-from kalscope.estimation.request import FitResult, Noise, Request
+from kalscope.estimation.request import FitResult, Noise, Request, find_parameters
 from kalscope_app.session.changes import apply_found
 from kalscope_app.session.opening import opened
 from kalscope_app.session.session import Session, undo
@@ -29,6 +29,7 @@ EXAMPLES = {
     actions.SetGate(4.0): "Switch the gate on (4 σ)",
     actions.SetGate(None): "Switch the gate off",
     actions.EstimateAgain(): "Fit again",
+    actions.AddMomentum(9.0): "Add momentum at this lag",
     actions.SetSpikesAside(): "Set the spikes aside and fit again",
     actions.UseStillStretch(100, 301): "Use the still stretch 1 to 3 s",
     actions.GiveNoise(): "Give the noise of the sensor",
@@ -109,6 +110,21 @@ def test_the_still_stretch_is_searched_with(state):
     searches = Searches(state)
     take(actions.UseStillStretch(100, 301), state, Session(state), searches)
     assert searches.requests[0].noise == Noise(still=(100, 301))
+
+
+def test_momentum_is_advised_where_it_helps_and_added_at_the_lag_on_screen():
+    demo = opened(open_source("demo"))
+    assert not any(isinstance(one.action, actions.AddMomentum) for one in compute_checks(demo).judgement.findings)
+    off = demo.with_tuning(momentum=0.0, q=300.0)
+    advice = compute_checks(off).urgent.findings[0]
+    assert advice.text.startswith("with momentum the errors at the same lag would be")
+    searches = Searches(off)
+    take(advice.action, off, Session(off), searches)
+    found = find_parameters(off.z, searches.requests[0], sample_period=0.02)
+    assert found.params.momentum == pytest.approx(demo.tuning.momentum)
+    assert steady_state(found.params).lag_samples == pytest.approx(steady_state(off.params).lag_samples)
+    far = demo.with_tuning(momentum=0.0, q=10.0)  # at this lag momentum would go too far at every turn
+    assert not any(isinstance(one.action, actions.AddMomentum) for one in compute_checks(far).urgent.findings)
 
 
 def test_after_a_search_without_a_pair_the_panel_says_what_else_gives_one(state):
