@@ -31,7 +31,7 @@ from kalscope_app.views.checks import ChecksView, VerdictView
 from kalscope_app.views.export import CodeView, CommandLineView, ReportView, TuningFileView, device_notes
 from kalscope_app.views.fleet import FleetTab
 from kalscope_app.views.fusion import FusionView
-from kalscope_app.views.goal import MORE_FOLDER, GoalView
+from kalscope_app.views.goal import MORE_FOLDER, CostsView, GoalView
 from kalscope_app.views.help import FirstSteps, HelpView
 from kalscope_app.views.live import LiveView
 from kalscope_app.views.map import TuningMapView
@@ -169,6 +169,7 @@ class Dashboard:
         with gui.add_folder(MORE_FOLDER, expand_by_default=False):
             self._fusion = FusionView(gui, self.session, self._jobs)
             self._more = MoreView(gui, self.session)
+        self._costs = CostsView(gui, self._goal)
         self._verdict.connect(self.session, self._goal)
 
     def start(self) -> None:
@@ -229,7 +230,7 @@ class Dashboard:
                 self.notifications.tell(self._note, good=True)
 
     def _show_numbers(self, frame: Frame) -> None:
-        for view in self._header, self._verdict, self._goal, self._parameters, self._more, self._chain:
+        for view in self._header, self._verdict, self._goal, self._parameters, self._more, self._chain, self._costs:
             self._draw(frame, view.show)
         self._draw(frame, self._fusion.show, self._map.follow)
 
