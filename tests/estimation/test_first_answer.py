@@ -13,7 +13,7 @@ from scipy.signal import lfilter
 
 from kalscope import FilterParams, denoise, estimate, ratio_for, starting_params, steady_state
 from kalscope.estimation.request import HARDLY, Request, find_parameters, proposed_lag
-from kalscope.estimation.settings import momentum_gain, movement_lost, noise_left
+from kalscope.estimation.settings import momentum_gain, movement_lost, movement_of, noise_left
 
 N, PERIOD = 2000, 0.02
 TIME = PERIOD * np.arange(N)
@@ -162,6 +162,18 @@ def test_a_code_for_no_echo_neither_starts_nor_moves_the_filter_and_a_step_is_fo
     assert "400 came" in found.message
     only = replace(found.estimate.params, gate=16.0)
     assert rms(x - truth) < 0.5 * rms(denoise(z, only) - truth)
+
+
+@each("seed", range(4))
+def test_no_gate_keeps_out_more_than_a_tenth_of_the_movement(seed):
+    """As of a light sensor: bright and dark, and flashes that a spike-proof fit takes for spikes."""
+    rng = np.random.default_rng(seed)
+    bright = np.where(rng.random(500) < 0.15, rng.exponential(1500.0, 500), 0.0)
+    z, flashes = np.repeat(bright, 6) + rng.normal(0.0, 20.0, 3000), rng.random(3000) < 0.01
+    z[flashes] += rng.exponential(6000.0, flashes.sum())
+    found = find_parameters(z)
+    ungated = replace(found.params, gate=None, x0=None, p0=None)
+    assert found.lost <= 0.1 + movement_lost(movement_of(z, None, found.estimate), ungated, None)
 
 
 def test_of_a_long_record_spikes_and_momentum_are_found_as_of_a_short_one():

@@ -339,8 +339,8 @@ def _answer(z: Array, dt: Array | None, period: float | None, begun: FitResult) 
     how = f"the {name} setting, q/r = {number(params.ratio, 4)}" if name else begun.how
     params, before = with_gate_and_start(z, dt, params, one, movement), params.gate
     if params.gate != before:
-        gate = "No gate" if params.gate is None else f"A gate of {gate_text(params.gate)}"
-        text = f"{text} {gate} leaves less error here, and is used."
+        used = f"A gate of {gate_text(params.gate)} leaves less error here, and is used."
+        text = f"{text} {used if params.gate else 'No gate is used: it would delay or keep out movement.'}"
     return replace(
         begun,
         params=params,

@@ -36,6 +36,9 @@ GATES = (None, 4.0, 5.0, 6.0, 7.0, 8.0, 10.0)
 CODES, FEWEST, LONGEST_CODE = (0.05, 0.4), 3, 3.0
 """Least and largest share of the samples that are a code; least number of them; longest mean run."""
 
+KEPT_OUT = 0.1
+"""Share of the movement that a gate may keep out: more is a light that is switched rather than spikes."""
+
 BETTER = 0.9
 """An error must be this much smaller than that of the gate already chosen, to replace it."""
 
@@ -140,7 +143,8 @@ def with_gate_and_start(
 ) -> FilterParams:
     """The filter with the start and the gate that bring it nearest to the movement, where samples were set aside.
 
-    A gate keeps spikes out but delays steps, so a wider one may leave less error. Where the first sample is a spike
+    A gate keeps spikes out but delays steps, so a wider one may leave less error, and none where each would keep
+    movement out. Where the first sample is a spike
     the filter begins with the first good one, which the gate then lets it keep.
     """
     if one.outliers is None or not one.outliers.any() or one.q <= 0.0:
@@ -148,11 +152,16 @@ def with_gate_and_start(
     good = z[np.isfinite(z) & ~one.outliers]
     if len(good) and one.outliers[np.argmax(np.isfinite(z))]:
         params = replace(params, x0=float(good[0]), p0=float(params.r))
-    best = params
-    least = BETTER * _rms(denoise(z, params, dt) - movement)
+    most = KEPT_OUT + movement_lost(movement, replace(params, gate=None, x0=None, p0=None), dt)
+
+    def error_of(one: FilterParams) -> float:
+        keeps_out = one.gate is not None and movement_lost(movement, replace(one, x0=None, p0=None), dt) > most
+        return math.inf if keeps_out else _rms(denoise(z, one, dt) - movement)
+
+    best, least = params, BETTER * error_of(params)
     for sigma in GATES:
         other = replace(params, gate=None if sigma is None else sigma * sigma)
-        error = _rms(denoise(z, other, dt) - movement)
+        error = error_of(other)
         if error < least:
             best, least = other, error
     return best
