@@ -56,9 +56,10 @@ NAMES: tuple[str, ...] = (
     "Median",
     "2nd-order Butterworth",
     "One-euro",
+    "Fixed lag",
     "Smoother (offline bound)",
 )
-"""Simpler filters as the comparison names them; where a median before one helps, there are rows for that too."""
+"""Simpler filters as the comparison names them; a fixed lag is only there where it gains."""
 
 ALL = "all of them"
 
@@ -66,8 +67,8 @@ MATCHES: dict[str, str] = {"the same lag": "lag", "the same noise reduction": "n
 """Labels, and the values of the state."""
 
 COLOURS = {
-    False: ("#009E73", "#0072B2", "#CC79A7", "#3a9bdc", "#7b4fc8", "#1b9e8a"),
-    True: ("#2fc99b", "#56B4E9", "#e39ac6", "#8fd0ff", "#b79bff", "#3fd6bd"),
+    False: ("#009E73", "#0072B2", "#CC79A7", "#3a9bdc", "#7b4fc8", "#a0522d", "#1b9e8a"),
+    True: ("#2fc99b", "#56B4E9", "#e39ac6", "#8fd0ff", "#b79bff", "#d9a066", "#3fd6bd"),
 }
 """Of the simpler filters in the order of NAMES, light and dark."""
 

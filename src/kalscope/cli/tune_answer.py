@@ -13,6 +13,7 @@ from typing import Any, cast
 import numpy as np
 
 from kalscope.analysis import actions
+from kalscope.analysis.alternatives import MAX_SAMPLES, fixed_lag
 from kalscope.analysis.channel_kinds import default_channel, with_kinds
 from kalscope.analysis.correction import MIN_SAMPLES
 from kalscope.analysis.diagnostics import (
@@ -544,6 +545,11 @@ def details_of(answer: Answer) -> Iterator[str]:
         yield from wrapped(f"  {name}: {noise}, {f'offset {offset} {unit}'.rstrip()}{gains}")
     for one in judged.sensors:
         yield from wrapped(" ".join(one.if_it_fails))
+    params = None if answer.fuses else answer.result.params
+    if params is not None and len(z) <= MAX_SAMPLES:
+        best = answer.result.estimate or estimate(z[:, 0], dt=_steps(answer.recording))
+        late = fixed_lag(z[:, 0], params, best.params)
+        yield from wrapped(late.sentence) if late else ()
     if judged.residuals is not None:
         yield ""
         yield from _columns(("residuals", "measured", "expected (95 %)"), *residual_rows(judged.residuals))
