@@ -34,7 +34,7 @@ from kalscope_app.views.checks import ChecksView, VerdictView
 from kalscope_app.views.export import CodeView, CommandLineView, ReportView, TuningFileView, device_notes
 from kalscope_app.views.fleet import FleetTab
 from kalscope_app.views.fusion import FusionView
-from kalscope_app.views.goal import MORE_FOLDER, GoalView
+from kalscope_app.views.goal import MORE_FOLDER, CostsView, GoalView
 from kalscope_app.views.help import FirstSteps, HelpView
 from kalscope_app.views.live import LiveView
 from kalscope_app.views.map import TuningMapView
@@ -167,6 +167,7 @@ class Dashboard:
         with gui.add_folder(MORE_FOLDER, expand_by_default=False):
             self._fusion = FusionView(gui, self.session, self._jobs)
             self._more = MoreView(gui, self.session)
+        self._costs = CostsView(gui, self._goal)
         self._verdict.search = self._goal.search
 
     def start(self) -> None:
@@ -228,7 +229,8 @@ class Dashboard:
                 self.notifications.tell(self._note, good=True)
 
     def _show_numbers(self, frame: Frame) -> None:
-        views = self._header, self._verdict, self._goal, self._parameters, self._more, self._chain, self._fusion
+        main = self._header, self._verdict, self._goal, self._parameters, self._more, self._chain
+        views = *main, self._costs, self._fusion
         self._draw(frame, *(view.show for view in views), self._map.follow)
 
     def _show_other(self, frame: Frame) -> None:

@@ -33,7 +33,8 @@ WATCH_LAYOUT = """(() => { const panels = window.panels = new Set(), charts = wi
     const boxes = (query) => JSON.stringify([...document.querySelectorAll(query)]
         .filter(one => one.checkVisibility({ visibilityProperty: true }))
         .map(one => Object.values(one.getBoundingClientRect().toJSON()).map(Math.round)));
-    const look = () => { panels.add(boxes('[data-dock-region]')); charts.add(boxes('.uplot'));
+    const look = () => {
+        panels.add(boxes('[data-dock-region]')); charts.add(boxes('[data-dock-region=right] .uplot'));
         requestAnimationFrame(look); };
     requestAnimationFrame(look); })();"""
 """Notes, at every picture that a page draws, where its panels and its charts are."""
@@ -136,7 +137,7 @@ SIDEWAYS = """() => Math.max(...[...document.querySelectorAll(
 
 def drag_across(screen, first, last):
     """Drag over these shares of the signal chart's width."""
-    over = screen.page.locator(".u-over").first.bounding_box()
+    over = screen.page.locator("[data-dock-region=right] .u-over").first.bounding_box()
     y = over["y"] + over["height"] / 2
     screen.page.mouse.move(over["x"] + first * over["width"], y)
     screen.page.mouse.down()
@@ -205,7 +206,7 @@ def test_a_zoom_is_moved_by_keys_and_ended_by_two_gestures(start):
     screen.page.keyboard.press("ArrowLeft")
     screen.wait(f"(low) => ({FIND})('filtered').data[0][0] < low", first)
     reset = screen.page.get_by_role("button", name="Reset view")
-    for show_all in (screen.page.locator(".u-over").first.dblclick, reset.click):
+    for show_all in (screen.page.locator("[data-dock-region=right] .u-over").first.dblclick, reset.click):
         reset.wait_for()
         show_all()
         screen.wait_for_line("filtered", filtered(DEMO))
@@ -347,9 +348,8 @@ def test_finding_q_and_r_shows_before_and_after_and_can_be_undone(start):
 
     screen.choose("goal", "maximum lag")
     screen.type("lag (ms)", "50")  # Enter applies
-    request = Request(target={"lag_s": 0.05}, momentum=best.momentum)
-    met = find_parameters(DEMO, request, sample_period=0.02).params
-    screen.wait_for_line("filtered", filtered(DEMO, q=met.q, r=met.r))
+    met = find_parameters(DEMO, Request(target={"lag_s": 0.05}), sample_period=0.02).params
+    screen.wait_for_line("filtered", kalman_filter(DEMO, met).x)
     screen.page.get_by_text("50 ms").first.wait_for()
 
     screen.tab("View")

@@ -140,7 +140,7 @@ def test_the_map_fits_its_canvas_in_both_themes_and_at_three_sizes(start_map):
         left, _, across, _ = screen.page.evaluate(CANVAS)
         assert 335 <= across <= 545
         assert left == pytest.approx(LEFT_WIDTH, abs=8)
-        chart = screen.page.locator(".uplot").first.bounding_box()
+        chart = screen.page.locator("[data-dock-region=right] .uplot").first.bounding_box()
         assert chart["width"] >= across - 25
         screen.shot(f"map-{width}-{theme}")
 

@@ -529,6 +529,11 @@ class State:
         return choice if choice in self.recording.names and self.fusion is None else None
 
     @property
+    def first(self) -> Outcome | None:
+        """The first answer of the channel on screen; None where that is not known."""
+        return next((one for one in self.firsts if one.before.name == self.channel), None)
+
+    @property
     def outcome(self) -> Outcome | None:
         """The search that gave the filter of the channel: the last one, else the first answer while it stays."""
         return self.searched or next((one for one in self.firsts if one.after == self.tuning), None)

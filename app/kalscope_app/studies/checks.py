@@ -10,12 +10,13 @@ import numpy as np
 from kalscope.analysis.diagnostics import Diagnostics, diagnose_held_out, diagnose_run, without_residuals
 from kalscope.analysis.findings import request_in, still_met
 from kalscope.analysis.fused import judge_fusion
-from kalscope.analysis.judge import Judgement, judge, needs_noise
+from kalscope.analysis.judge import Judgement, judge, needs_noise, with_momentum
 from kalscope.analysis.residuals import Run
 from kalscope.analysis.spectrum import AllanDeviation, Spectrum, allan_deviation, magnitude_response, spectrum
 from kalscope.common.numbers import Array
 from kalscope.estimation.fit import estimate
 from kalscope.estimation.methods import METHODS
+from kalscope.estimation.settings import momentum_gain
 from kalscope.estimation.still import find_still_stretch
 from kalscope.export.board import BoardCheck, check_board
 from kalscope.filtering.params import FilterParams
@@ -231,14 +232,19 @@ def _of_filter(
     outcome = outcome if outcome and outcome.after is not None else None
     estimate = outcome.estimate if outcome is not None and outcome.after == tuning else None
     asked = request_in(tuning.how, tuning.r) if outcome is None else outcome.request
-    return judge(
+    request = still_met(asked, state.params, state.recording.sample_period)
+    one = judge(
         whole,
         held_out,
         estimate,
-        request=still_met(asked, state.params, state.recording.sample_period),
+        request=request,
         still=still(state) if needs_noise(estimate) else None,
         unit=state.recording.units[state.index],
     )
+    best = None if request is not None and request.goal else state.first and state.first.estimate
+    if best is None:
+        return one
+    return with_momentum(one, float(best.momentum), momentum_gain(state.z, state.dt, state.params, best))
 
 
 def _of_search(state: State, still: Callable[[State], Stretch]) -> Judgement | None:

@@ -53,9 +53,10 @@ NAMES: tuple[str, ...] = (
     "Median",
     "2nd-order Butterworth",
     "One-euro",
+    "Fixed lag",
     "Smoother (offline bound)",
 )
-"""Simpler filters as the comparison names them; where a median before one helps, there are rows for that too."""
+"""Simpler filters as the comparison names them; a fixed lag is only there where it gains."""
 
 ALL = "all of them"
 

@@ -140,8 +140,8 @@ class Palette:
         )
         """Of fused sensors in their order: a deuteranope can tell the first ones and the fused line."""
         self.alternatives = pick(
-            ("#009E73", "#0072B2", "#CC79A7", "#3a9bdc", "#7b4fc8", "#1b9e8a"),
-            ("#2fc99b", "#56B4E9", "#e39ac6", "#8fd0ff", "#b79bff", "#3fd6bd"),
+            ("#009E73", "#0072B2", "#CC79A7", "#3a9bdc", "#7b4fc8", "#a0522d", "#1b9e8a"),
+            ("#2fc99b", "#56B4E9", "#e39ac6", "#8fd0ff", "#b79bff", "#d9a066", "#3fd6bd"),
         )
         """Of the simpler filters in the order of their names."""
 

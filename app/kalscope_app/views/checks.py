@@ -17,6 +17,7 @@ from kalscope.analysis.judge import MAX_ADVICE
 from kalscope.common.numbers import Array
 from kalscope.common.text import count, number, trimmed
 from kalscope.estimation.request import Noise, Request
+from kalscope.filtering.steady import steady_state
 from kalscope_app.engine.frame import Frame
 from kalscope_app.session.changes import (
     FOR_LAG,
@@ -49,6 +50,7 @@ Search = Callable[[State], Request | None]
 
 WORDS: dict[type[object], str] = {
     actions.EstimateAgain: "Fit again",
+    actions.AddMomentum: "Add momentum at this lag",
     actions.SetSpikesAside: "Set the spikes aside and fit again",
     actions.GiveNoise: "Give the noise of the sensor",
     actions.ChooseFilter: "Choose a lag",
@@ -99,6 +101,9 @@ def request_of(action: actions.Action, state: State) -> Request | None:
             return replace(before, robust=True)  # what was known about the noise still is
         case actions.EstimateAgain():
             return Request()
+        case actions.AddMomentum(tau):
+            lag = float(steady_state(state.params).lag_samples)
+            return Request(target={"lag_samples": lag}, momentum=tau)
         case _:
             return None
 
@@ -121,7 +126,7 @@ def _scale_words(q: float, r: float) -> str:
 # Does the filter fit? One coloured word above the tabs; a click shows or hides why, and what to do about it.
 
 
-UNJUDGED = "These tests judge the Kalman filter of one channel; another filter is on screen."
+UNJUDGED = "Nothing to judge: no Kalman filter of one channel runs here, or its q and r are still to be found."
 
 COLOURS = {"good": (0, 122, 90), "note": (150, 82, 0), "bad": (196, 46, 22)}
 """Of the word, by tone; the page lightens them for the dark theme."""

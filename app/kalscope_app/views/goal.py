@@ -6,7 +6,9 @@ import math
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Any
 
+import numpy as np
 import viser
 
 from kalscope.common.text import TIME_UNITS, decibels, gate_text, lag_text, number, percent, typed_number
@@ -21,8 +23,10 @@ from kalscope_app.engine.jobs import Jobs
 from kalscope_app.session.changes import apply_found, momentum_words, set_search_method
 from kalscope_app.session.session import Failed, Session
 from kalscope_app.session.state import Outcome, State
+from kalscope_app.views.chart_tabs import log_axes
+from kalscope_app.views.charts import DARK, LIGHT, Chart, ChartLine, Scale, dots, line, log_time_scale
 from kalscope_app.views.widgets import SlowJobProgress, bind, noise_left, on_user, put, typed
-from kalscope_app.views.window import PRIMARY
+from kalscope_app.views.window import LAG_NUMBER, PRIMARY
 
 # The ways to find q and r that the dashboard offers: what each asks the user for, and the search it requests.
 
@@ -53,7 +57,7 @@ def _target(
         asked = Request(target={name: factor * typed_number(label, texts[0])}, noise=_known_noise(state))
         if allowed:
             return replace(asked, overshoot=typed_number("overshoot", allowed) / 100.0)
-        return replace(asked, momentum=state.tuning.momentum or "auto")
+        return replace(asked, momentum=state.tuning.momentum or "auto") if with_overshoot else asked
 
     return SearchMethod(request, ((label, content), *(((OVERSHOOT, ""),) if with_overshoot else ())))
 
@@ -161,17 +165,12 @@ def method_of(state: State) -> SearchMethod:
 
 def costs_of(state: State) -> tuple[Cost, ...]:
     """What each lag costs on the channel on screen; () where that is not known."""
-    first = _first(state)
-    return () if first is None else first.costs
-
-
-def _first(state: State) -> Outcome | None:
-    return next((one for one in state.firsts if one.before.name == state.channel), None)
+    return () if state.first is None else state.first.costs
 
 
 def settings_of(state: State) -> dict[str, Cost]:
     """The three settings by name, where the signal shows hardly any noise; else none."""
-    first = _first(state)
+    first = state.first
     hardly = first is not None and first.request is not None and first.request.setting in SETTINGS
     return {one.name: one for one in costs_of(state) if one.name and hardly}
 
@@ -195,6 +194,9 @@ def settings_text(state: State) -> str:
 
 MORE_FOLDER = "More settings and numbers"
 """The closed folder below the parameters."""
+
+COSTS_HEIGHT = 170
+"""Height of the chart below it, px."""
 
 NBSP = "\u00a0"
 """Keeps a number and its unit on one line."""
@@ -354,6 +356,56 @@ class GoalView:
                     box.value = wanted[i][1]
                 box.label, box.hint = labels[i], hint_of(wanted[i][0])
         self._shown = shown
+
+
+# What each lag costs, as curves: a click on them takes a lag, as the goal does with Apply.
+
+
+COSTS = "**What each lag costs{}.** Click to choose a lag."
+
+
+class CostsView:
+    """Noise left and movement lost over the lag, and the filter on screen."""
+
+    def __init__(self, gui: viser.GuiApi, goal: GoalView) -> None:
+        self._search, self._unit = goal.search, 1.0
+        self._text = gui.add_markdown("", visible=False)
+        self._chart = Chart(gui, 0.0)
+        self._chart.handle.height = COSTS_HEIGHT
+        cursor: Any = {"drag": {"x": False, "y": False}, "chooses": True}  # the last for the page script
+        self._chart.handle.cursor = cursor
+        self._lag = gui.add_number(LAG_NUMBER, 0.0, visible=False, hint="Hidden.")
+        on_user(self._lag.on_update, lambda _client: self._choose(float(self._lag.value) / self._unit))
+
+    def _choose(self, samples: float) -> None:
+        self._search(lambda state: Request(target={"lag_samples": samples}) if costs_of(state) else None)
+
+    def show(self, frame: Frame) -> None:
+        """Draw the curves, where there are any for the filter on screen."""
+        state, costs = frame.state, costs_of(frame.state)
+        is_shown = bool(costs) and state.uses_parameters and state.fusion is None
+        put(self._text, content=COSTS.format(" without momentum" * (state.tuning.momentum > 0.0)), visible=is_shown)
+        if not is_shown:
+            self._chart.hide()
+            return
+        period, palette = state.recording.sample_period, DARK if state.view.dark else LIGHT
+        known, now = np.array([one.lag_samples for one in costs]), float(frame.steady.lag_samples)
+        scale = Scale(1.0, "samples") if period is None else log_time_scale(known * period)
+        self._unit = scale.factor * (period or 1.0)
+        lags = np.union1d(known, np.clip(now, known[0], known[-1]))
+        left, lost = (
+            100.0 * np.interp(np.log(lags), np.log(known), [getattr(one, name) for one in costs])
+            for name in ("noise_left", "movement_lost")
+        )
+        mark = np.where(lags == now, 100.0 * 10.0 ** (-0.05 * float(frame.steady.noise_reduction_db)), np.nan)
+        lines = (
+            ChartLine(left, line("noise left", palette.innovation, 2)),
+            ChartLine(lost, line("movement lost", palette.truth, 2)),
+            ChartLine(mark, dots("this filter", palette.filtered, 10), gaps=True),
+        )
+        x, resets = lags * self._unit, state.view.resets
+        y_axes = log_axes(x, None, "%")
+        self._chart.draw(x, scale.label("lag"), lines, y_axes, resets, y_range=(0.0, 100.0), log_x=True)
 
 
 def _method_for(goal: str) -> str:

@@ -314,6 +314,9 @@ PHONE_CHECKBOX = "phone"
 ZOOM_SLIDER = "zoom"
 """Label of the hidden slider with which a page asks for the part of the window that was dragged over."""
 
+LAG_NUMBER = "lag chosen"
+"""Label of the hidden number with which a page reports the lag that was clicked, in the unit of the axis."""
+
 MAP_PICTURE, MAP_MARK = "map picture", "map mark"
 """Labels of the hidden images that the page shows as the tuning map."""
 
@@ -342,6 +345,7 @@ SIZES = {
     "scene": 'canvas[width="0"] + div:not([class])',  # the box of viser's 3-D scene
     "phone": PHONE_CHECKBOX,
     "zoom": ZOOM_SLIDER,
+    "lag": LAG_NUMBER,
     "phoneWidth": "(max-width: 36em)",  # viser then shows one sheet instead of panels
     "left": LEFT_WIDTH + 10,  # px, with the edges that viser adds to both panels
     "withMap": RIGHT_WIDTH,

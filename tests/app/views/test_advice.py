@@ -10,11 +10,11 @@ from unittest.mock import MagicMock
 import numpy as np
 import pytest
 
-from kalscope import Recording, estimate
+from kalscope import Recording, estimate, open_source, steady_state
 from kalscope.analysis import actions
 from kalscope.analysis.findings import Finding
 from kalscope.analysis.judge import Judgement
-from kalscope.estimation.request import FitResult, Noise, Request
+from kalscope.estimation.request import FitResult, Request, find_parameters
 from kalscope_app.engine.filter_runs import Cache
 from kalscope_app.session.changes import apply_found
 from kalscope_app.session.opening import opened
@@ -30,6 +30,7 @@ EXAMPLES = {
     actions.SetGate(4.0): "Switch the gate on (4 σ)",
     actions.SetGate(None): "Switch the gate off",
     actions.EstimateAgain(): "Fit again",
+    actions.AddMomentum(9.0): "Add momentum at this lag",
     actions.SetSpikesAside(): "Set the spikes aside and fit again",
     actions.UseStillStretch(100, 301): "Use the still stretch 1 to 3 s",
     actions.GiveNoise(): "Give the noise of the sensor",
@@ -94,6 +95,21 @@ def test_advice_on_another_recording_is_not_taken(state):
     other = opened(Recording(np.arange(50.0), ("b",), ("",), np.ones((50, 1)), 1.0))
     for action, requests in ((actions.Scale(2.0, 2.0), []), (actions.EstimateAgain(), [None])):
         assert taken(action, state, Session(other)) == (other, requests)
+
+
+def test_momentum_is_advised_where_it_helps_and_added_at_the_lag_on_screen():
+    demo = opened(open_source("demo"))
+    assert not any(isinstance(one.action, actions.AddMomentum) for one in compute_checks(demo).judgement.findings)
+    off = demo.with_tuning(momentum=0.0, q=300.0)
+    advice = compute_checks(off).urgent.findings[0]
+    assert advice.text.startswith("with momentum the errors at the same lag would be")
+    searches = Searches(off)
+    take(advice.action, off, Session(off), searches)
+    found = find_parameters(off.z, searches.requests[0], sample_period=0.02)
+    assert found.params.momentum == pytest.approx(demo.tuning.momentum)
+    assert steady_state(found.params).lag_samples == pytest.approx(steady_state(off.params).lag_samples)
+    far = demo.with_tuning(momentum=0.0, q=10.0)  # at this lag momentum would go too far at every turn
+    assert not any(isinstance(one.action, actions.AddMomentum) for one in compute_checks(far).urgent.findings)
 
 
 def test_after_a_search_without_a_pair_the_panel_says_what_else_gives_one(state):
