@@ -12,9 +12,8 @@ from waiting import PATIENCE, wait_until
 
 from kalscope import Recording, synthesize
 from kalscope.cli import app as cli
-from kalscope.cli import board as demo_board
-from kalscope.cli.board import BoardLines
-from kalscope.cli.demo_sketch import Sketch
+from kalscope.cli import demo_board
+from kalscope.cli.demo_board import BoardLines, Sketch
 from kalscope.export.board import check_board, commands, measure, values_in_use
 from kalscope.export.float32 import Float32Params
 from kalscope.sources.live.source import LiveSource

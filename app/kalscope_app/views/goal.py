@@ -23,8 +23,7 @@ from kalscope_app.engine.jobs import Jobs
 from kalscope_app.session.changes import apply_found, momentum_words, set_search_method
 from kalscope_app.session.session import Failed, Session
 from kalscope_app.session.state import Outcome, State
-from kalscope_app.views.chart_tabs import log_axes
-from kalscope_app.views.charts import DARK, LIGHT, Chart, ChartLine, Scale, dots, line, log_time_scale
+from kalscope_app.views.charts import DARK, LIGHT, Chart, dots, line, time_scale_for
 from kalscope_app.views.widgets import SlowJobProgress, bind, noise_left, on_user, put, typed
 from kalscope_app.views.window import LAG_NUMBER, PRIMARY
 
@@ -390,7 +389,7 @@ class CostsView:
             return
         period, palette = state.recording.sample_period, DARK if state.view.dark else LIGHT
         known, now = np.array([one.lag_samples for one in costs]), float(frame.steady.lag_samples)
-        scale = Scale(1.0, "samples") if period is None else log_time_scale(known * period)
+        scale = time_scale_for(float(known[-1]) * (period or 1.0), period)
         self._unit = scale.factor * (period or 1.0)
         lags = np.union1d(known, np.clip(now, known[0], known[-1]))
         left, lost = (
@@ -399,13 +398,12 @@ class CostsView:
         )
         mark = np.where(lags == now, 100.0 * 10.0 ** (-0.05 * float(frame.steady.noise_reduction_db)), np.nan)
         lines = (
-            ChartLine(left, line("noise left", palette.innovation, 2)),
-            ChartLine(lost, line("movement lost", palette.truth, 2)),
-            ChartLine(mark, dots("this filter", palette.filtered, 10), gaps=True),
+            line(left, "noise left", palette.innovation, 2),
+            line(lost, "movement lost", palette.truth, 2),
+            dots(mark, "this filter", palette.filtered, 10),
         )
-        x, resets = lags * self._unit, state.view.resets
-        y_axes = log_axes(x, None, "%")
-        self._chart.draw(x, scale.label("lag"), lines, y_axes, resets, y_range=(0.0, 100.0), log_x=True)
+        x, label, view = lags * self._unit, scale.label("lag"), state.view.resets
+        self._chart.draw(x, lines, label, "%", view=view, y_range=(0.0, 100.0), log="x")
 
 
 def _method_for(goal: str) -> str:

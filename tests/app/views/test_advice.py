@@ -14,7 +14,7 @@ from kalscope import Recording, estimate, open_source, steady_state
 from kalscope.analysis import actions
 from kalscope.analysis.findings import Finding
 from kalscope.analysis.judge import Judgement
-from kalscope.estimation.request import FitResult, Request, find_parameters
+from kalscope.estimation.request import FitResult, Noise, Request, find_parameters
 from kalscope_app.engine.filter_runs import Cache
 from kalscope_app.session.changes import apply_found
 from kalscope_app.session.opening import opened
@@ -103,9 +103,8 @@ def test_momentum_is_advised_where_it_helps_and_added_at_the_lag_on_screen():
     off = demo.with_tuning(momentum=0.0, q=300.0)
     advice = compute_checks(off).urgent.findings[0]
     assert advice.text.startswith("with momentum the errors at the same lag would be")
-    searches = Searches(off)
-    take(advice.action, off, Session(off), searches)
-    found = find_parameters(off.z, searches.requests[0], sample_period=0.02)
+    (request,) = taken(advice.action, off)[1]
+    found = find_parameters(off.z, request, sample_period=0.02)
     assert found.params.momentum == pytest.approx(demo.tuning.momentum)
     assert steady_state(found.params).lag_samples == pytest.approx(steady_state(off.params).lag_samples)
     far = demo.with_tuning(momentum=0.0, q=10.0)  # at this lag momentum would go too far at every turn
