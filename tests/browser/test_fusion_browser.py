@@ -48,7 +48,7 @@ def test_sensors_are_fused_one_drops_out_and_the_file_brings_them_back(start, tm
     wait_for_share(screen, "a", f"{100 * two.shares[0]:.0f} %")
     screen.type("process noise q", "0.001")
     tuned = fuse(z[:, :2], replace(two, q=0.001)).x
-    screen.wait_for_line("fused", tuned, 1e-9)  # else the box, as it is left, may swallow the click on the button
+    screen.wait_for_line("fused", tuned, 1e-9)
     screen.tab("Export")
     press(screen, "Save tuning file")
     screen.notification("Saved").wait_for()

@@ -148,6 +148,7 @@ class Screen:
         self.pause()
         if enter:
             box.press("Enter")
+            box.blur()  # now: a box that is left later sends its text once more, and swallows a click soon after
 
     def pause(self):
         """viser throttles all widgets of a panel together, 50 ms: faster than any hand it loses a value."""
