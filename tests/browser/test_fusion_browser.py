@@ -19,8 +19,9 @@ def tick(screen, name):
 
 
 def press(screen, name):
+    """By the keyboard: what is written above a button may move it away from the mouse."""
     screen.pause()
-    screen.page.get_by_role("button", name=name, exact=True).click()
+    screen.page.get_by_role("button", name=name, exact=True).press("Enter")
 
 
 def wait_for_share(screen, name, share):
