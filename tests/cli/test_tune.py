@@ -173,6 +173,9 @@ def test_json_of_an_edge_has_a_filter_all_the_same_its_reason_and_inf_in_words(l
     assert (said["verdict"], said["reason"]) == ("no_noise", "medium")
     assert [one["name"] for one in said["costs"] if one["name"]] == ["light", "medium", "strong"]
     assert said["ratio_interval"][1] == "inf"
+    (option,) = (one["option"] for one in said["advice"] if one["action"] == "ChooseFilter")
+    stronger = tuned(capsys, str(log), "--channel", "smooth", *option.split())
+    assert stronger["steady"]["lag_samples"] > 1.1 * said["steady"]["lag_samples"]
 
 
 # ---- what the user knows and wishes

@@ -156,6 +156,7 @@ def question_about(recording: Recording) -> Question | None:
             option, value = mention[1] or f"--{mention[2]}", mention[3] or ""
             if option in ANSWERS:
                 asked = note[: mention.start()].rpartition(";")[0] or note
+                asked += ")" * (asked.count("(") - asked.count(")"))  # it closes after the option
                 words = {"missing": "missing samples", "dt": "elapsed time"}.get(value, value)
                 return Question(f"{capitalised(asked)}.", ANSWERS[option].format(words), mention[0])
     if recording.sample_period is None and recording.sha256:

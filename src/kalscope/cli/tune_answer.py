@@ -345,10 +345,13 @@ def _without(request: Request) -> list[str]:
 
 
 def example(answer: Answer) -> str:
-    """An option that chooses a filter: the lag of the medium setting, else of five samples, or its gain."""
-    samples = next((one.lag_samples for one in answer.result.costs if one.name == "medium"), 5.0)
-    lag = math.nan if answer.sample_period is None else 1e3 * samples * answer.sample_period
-    return f"--lag-ms {lag:.4g}" if 0.01 <= lag < 1e4 else f"--gain {1.0 / (1.0 + samples):.3g}"
+    """An option that chooses another filter: the next setting's lag, else that of five samples, or its gain."""
+    name = "strong" if answer.result.reason == "medium" else "medium"
+    samples = next((one.lag_samples for one in answer.result.costs if one.name == name), 5.0)
+    if answer.sample_period is None:
+        return f"--gain {1.0 / (1.0 + samples):.3g}"
+    lag = 1e3 * samples * answer.sample_period
+    return f"--lag-ms {lag:.0f}" if lag >= 1e4 else f"--lag-ms {lag:.4g}"
 
 
 # The page: how the file was read, the filter, how sure it is, what to do next; with --details all that is known.

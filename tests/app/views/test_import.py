@@ -89,6 +89,7 @@ def test_a_question_has_one_button_that_reads_the_file_otherwise(notes, button, 
     assert (question and question.button, question and question.options) == (button, options)
     if question is not None:
         assert question.sentence.endswith(".")
+        assert question.sentence.count("(") == question.sentence.count(")")
         options_of(options)
     unknown = question_about(recording(report, period=None))
     assert unknown == question or unknown.button == "Give the sample period"

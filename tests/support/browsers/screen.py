@@ -31,6 +31,9 @@ FIND = """(label) => {
     return charts.find(chart => chart.scales.x.distr !== 3) ?? charts[0]; }"""
 """The chart with a line of this label: that over time rather than the spectrum, which has the same labels."""
 
+LEAVE = "() => { const left = document.activeElement; left.blur(); return left !== document.body; }"
+"""Takes the focus from what has it; whether any control had it."""
+
 FITS = """() => { const box = (one) => one.getBoundingClientRect(), map = box(document.querySelector('canvas'));
     const [left, right] = ['left', 'right'].map(edge => box(document.querySelector(`[data-dock-region=${edge}]`)));
     const pane = [...document.querySelectorAll('[data-dock-region=right] .mantine-ScrollArea-viewport')]
@@ -148,6 +151,7 @@ class Screen:
         self.pause()
         if enter:
             box.press("Enter")
+            self.page.evaluate(LEAVE)  # a box that is left later sends its text once more, and swallows a click
 
     def pause(self):
         """viser throttles all widgets of a panel together, 50 ms: faster than any hand it loses a value."""

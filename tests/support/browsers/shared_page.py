@@ -7,7 +7,7 @@ from multiprocessing.connection import Listener
 
 from program import end, running
 from reopening import SOURCE
-from screen import Screen, settings_in
+from screen import LEAVE, Screen, settings_in
 
 from kalscope_app.program.user_settings import UserSettings
 
@@ -19,10 +19,6 @@ NO_NOTIFICATION = """() => {
     for (const button of document.querySelectorAll('.mantine-Notification-closeButton')) button.click();
     return !document.querySelector('.mantine-Notification-root'); }"""
 """Closes notifications; whether there is none."""
-
-
-LEAVE = "() => { const left = document.activeElement; left.blur(); return left !== document.body; }"
-"""Takes the focus from the control of the test before; whether any had it."""
 
 
 class SharedPage(Screen):
