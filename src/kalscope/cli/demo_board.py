@@ -1,4 +1,4 @@
-"""`kalscope demo-board`: send a recording or a synthetic signal over a local socket as a board would, until stopped.
+"""`kalscope demo-board`: send a recording or a synthetic signal over a local socket as a board does, until stopped.
 
 For users without hardware, and for tests of what reads a port. With `--sketch` it filters in float32 and obeys
 commands, as the exported Arduino sketch does; `export/board.py` sends them and reads the answers.
