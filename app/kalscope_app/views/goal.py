@@ -389,7 +389,7 @@ class CostsView:
             return
         period, palette = state.recording.sample_period, DARK if state.view.dark else LIGHT
         known, now = np.array([one.lag_samples for one in costs]), float(frame.steady.lag_samples)
-        scale = time_scale_for(float(known[-1]) * (period or 1.0), period)
+        scale = time_scale_for(math.sqrt(known[0] * known[-1]) * (period or 1.0), period)
         self._unit = scale.factor * (period or 1.0)
         lags = np.union1d(known, np.clip(now, known[0], known[-1]))
         left, lost = (
