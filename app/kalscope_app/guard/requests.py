@@ -231,13 +231,20 @@ def counted_connections(unknown: dict[ServerConnection, None]) -> type[ServerCon
                 oldest = next(iter(unknown))
                 del unknown[oldest]
                 oldest.transport.abort()
-                _log.info("more than %d connections without a valid request: the oldest is closed", MAX_UNKNOWN)
+                _warn_of_flood()
 
         def connection_lost(self, exc: Exception | None) -> None:
             unknown.pop(self, None)
             super().connection_lost(exc)
 
     return Counted
+
+
+@cache  # once
+def _warn_of_flood() -> None:
+    _log.warning(
+        "too many open connections: of more than %d without a valid request the oldest is closed", MAX_UNKNOWN
+    )
 
 
 # The secret of the link on disk: kept over a restart and passed to the browser, readable by this user only.
