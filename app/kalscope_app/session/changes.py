@@ -54,10 +54,7 @@ DECADES = {"q": (-8, 3), "r": (-5, 4), "p0": (-6, 6)}
 
 def slider_limits(state: State, name: str) -> tuple[int, int]:
     """Lowest and highest exponent of a slider: around the signal's own noise, wider if the value is outside."""
-    return _limits(name, state.start.r, getattr(state.tuning, name))
-
-
-def _limits(name: str, noise: float, value: float | None) -> tuple[int, int]:
+    noise, value = state.start.r, getattr(state.tuning, name)
     centre = round(math.log10(noise)) if noise > 0.0 else 0
     low, high = (centre + end for end in DECADES[name])
     if value:
@@ -384,42 +381,20 @@ def set_taking_part(state: State, sensor: str, takes_part: bool) -> State:
 
 
 @requested
-def set_sensor_exponent(state: State, sensor: str, exponent: float) -> State:
-    """The slider of a sensor's noise was moved: its r becomes 10^exponent, to three digits."""
-    fusion = _of(state, sensor)
-    if fusion is None or not math.isfinite(exponent):
-        return state
-    low, high = sensor_limits(fusion, sensor)
-    return _with(state, fusion, sensor, "r", _rounded(10.0 ** min(max(exponent, low), high)))
-
-
-@requested
 def set_sensor_text(state: State, sensor: str, name: str, text: str) -> State:
     """An exact r or offset of a sensor was typed."""
     fusion = _of(state, sensor)
     if fusion is None:
         return state
     value = 0.0 if name == "offset" and not text.strip() else typed_number(f"{name} of {sensor[:40]}", text)
-    return _with(state, fusion, sensor, name, value)
-
-
-def sensor_limits(fusion: Fusion, sensor: str) -> tuple[int, int]:
-    """Lowest and highest exponent of the slider of a sensor's r: around what was found, wider if r is outside."""
-    at = fusion.tuning.sensors.index(sensor)
-    return _limits("r", fusion.start.r[at], fusion.tuning.r[at])
+    same = getattr(fusion.tuning, name)[fusion.tuning.sensors.index(sensor)] == value
+    return state if same else state.with_fusion(fusion.with_sensor(sensor, **{name: value}))
 
 
 def _of(state: State, sensor: str) -> Fusion | None:
     """The fused filter, if it has this sensor."""
     fusion = state.settings.fusion
     return fusion if fusion is not None and sensor in fusion.tuning.sensors else None
-
-
-def _with(state: State, fusion: Fusion, sensor: str, name: str, value: float) -> State:
-    at = fusion.tuning.sensors.index(sensor)
-    if getattr(fusion.tuning, name)[at] == value:
-        return state
-    return state.with_fusion(fusion.with_sensor(sensor, **{name: value}))
 
 
 # Changes of the open fleet, and the step from one of its devices to the recording on screen.
@@ -451,25 +426,21 @@ def _set_fleet(state: State, name: str, kept: Callable[[Any], Any], value: Any) 
 
 find_devices = partial(_set_fleet, "find", lambda text: one_line(str(text))[:200].strip())
 """List the devices whose names contain a text."""
-set_at_shared = partial(_set_fleet, "at_shared", bool)
-"""Open devices at the filter for all, or each at its own."""
 
 
 @requested
 def at_device(state: State, fleet: Fleet, i: int) -> State:
-    """Set the recording of a device, which has just been opened, to its own filter or to that for all.
+    """Set the recording of a device, which has just been opened, to its own filter.
 
     A device without q and r keeps its starting values; the note says why.
     """
     from kalscope.fleet.results import device_tuning
 
     name = one_line(fleet.devices.name(i))[:80]
-    shared = fleet.shared is not None and state.fleet is not None and state.fleet.at_shared
-    if not shared and fleet.devices.reasons[i]:
+    if fleet.devices.reasons[i]:
         return state.with_answers(note=f"{name} has no q and r: {one_line(fleet.devices.reasons[i])[:200]}.")
-    after = adapted(state, device_tuning(fleet, i, shared=shared))
-    which = "the filter for all" if shared else "its own filter"
-    return after.with_answers(note=f"{name} at {which}. {after.answers.note}".strip())
+    after = adapted(state, device_tuning(fleet, i))
+    return after.with_answers(note=f"{name} at its own filter. {after.answers.note}".strip())
 
 
 # Changes of the pinned settings.

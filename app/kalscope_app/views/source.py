@@ -1,4 +1,4 @@
-"""The source of the signal: a file, the generator, or a recording that comes with Kalscope."""
+"""The source of the signal: a file, or a recording that comes with Kalscope."""
 
 from __future__ import annotations
 
@@ -33,26 +33,32 @@ from kalscope.sources.grammar.read_options import (
 from kalscope.sources.reading.account import account, summary
 from kalscope.sources.reading.recording_file import read_recording
 from kalscope.sources.samples import list_samples
-from kalscope.sources.synthetic import NOISES, SHAPES, SignalSettings
+from kalscope.sources.synthetic import SHAPES
 from kalscope.tuning.file import load_tuning
-from kalscope.tuning.tuning import Tuning
 from kalscope_app.engine.frame import Frame
 from kalscope_app.engine.jobs import Jobs
 from kalscope_app.guard.viser_private import take_upload
-from kalscope_app.session.changes import ENDING, at_device, set_sample_period, uploaded_settings, use_settings
+from kalscope_app.session.changes import (
+    ENDING,
+    at_device,
+    open_fleet,
+    set_sample_period,
+    uploaded_settings,
+    use_settings,
+)
 from kalscope_app.session.live_changes import WAITING
 from kalscope_app.session.opening import opened, opened_experiment, with_sample_period
 from kalscope_app.session.session import Failed, Session
 from kalscope_app.session.state import Change, State
-from kalscope_app.views.fleet import FleetView
+from kalscope_app.views.fleet import fleet_of
 from kalscope_app.views.widgets import (
     SlowJobProgress,
     TypedNumber,
+    add_button,
     capitalised,
     escape_markdown,
     on_user,
     put,
-    typed,
 )
 from kalscope_app.views.window import PERIOD_BUTTON, PRIMARY, QUESTION
 from kalscope_app.worker.worker import Worker
@@ -92,22 +98,19 @@ def options_of(text: str) -> ReadOptions:
     Raises:
         BadSetting: a word that is no option, or a value that it does not have.
     """
-    given, missing, words = dict[str, Any](), list[str](), split_values(text)
-    while words:
-        option, is_joined, value = words.pop(0).partition("=")
-        name = option.removeprefix("--").replace("-", "_")
+    given, missing, words = dict[str, Any](), list[str](), iter(split_values(text))
+    for word in words:
+        option, _, value = word.partition("=")
         if option not in OPTIONS:
             raise BadSetting(f"import options must be some of {', '.join(OPTIONS)} (got {option[:40]!r})")
-        if name in ("day_first", "month_first"):
-            given["day_first"] = name == "day_first"
-            continue
-        if not is_joined and not words:
+        if option in ("--day-first", "--month-first"):
+            given["day_first"] = option == "--day-first"
+        elif not (value := value or next(words, "")):
             raise BadSetting(f"{option} must have a value (got none)")
-        value = value if is_joined else words.pop(0)
-        if name == "missing":
+        elif option == "--missing":
             missing.append(value)
         else:
-            given[name] = value
+            given[option.removeprefix("--").replace("-", "_")] = value
     return options_from_text(missing=missing, **given)
 
 
@@ -162,11 +165,11 @@ class QuestionView:
 
     def __init__(self, gui: viser.GuiApi, source: SourceView) -> None:
         gui.add_html(QUESTION)
-        self._button = gui.add_button("…", visible=False, hint="Reads the file again; Undo reverts it.")
+        hint = "Reads the file again; Undo reverts it."
+        self._button = add_button(gui, "…", hint, lambda _client: self._answer(source), visible=False)
         self._text = gui.add_markdown("", visible=False)
         self._question: Question | None = None
         self._about: Recording | None = None
-        on_user(self._button.on_click, lambda _client: self._answer(source))
 
     def _answer(self, source: SourceView) -> None:
         if self._question is not None and self._question.options:
@@ -189,34 +192,6 @@ class QuestionView:
             put(self._button, label=self._question.button)
 
 
-# The form that generates a synthetic signal.
-
-
-SETTINGS = "n", "sample_period", "amplitude", "period", "sigma", "outliers", "drop_outs", "channels", "seed"
-"""The numbers of `SignalSettings` that are shown; others may be typed, too."""
-
-
-class GeneratorForm:
-    """The settings of a synthetic signal and the button that generates it."""
-
-    def __init__(self, gui: viser.GuiApi, open_spec: Callable[[str, Failed], None]) -> None:
-        self._open_spec, defaults = open_spec, SignalSettings()
-        self._shape = gui.add_dropdown("shape", SHAPES, hint="The noise-free signal, plotted dashed as the truth.")
-        self._noise = gui.add_dropdown(
-            "noise", NOISES, hint="Distribution; triangular is rand − rand (Ma'arif 2019)."
-        )
-        text = " ".join(f"{name}={typed(float(getattr(defaults, name)))}" for name in SETTINGS)
-        self._numbers = gui.add_text(
-            "numbers", text, multiline=True, hint="Samples, times in s, shares 0 to 1; sigma: the noise, its std."
-        )
-        button = gui.add_button("Generate", hint="Generate this signal and open it.")
-        on_user(button.on_click, lambda _client: self._generate())
-
-    def _generate(self) -> None:
-        query = "&".join([f"noise={self._noise.value}", *self._numbers.value.split()])
-        self._open_spec(f"synthetic:{self._shape.value}?{query}", Failed.GENERATE)
-
-
 # Recordings that come with Kalscope, and the figures of the source documents.
 
 
@@ -229,12 +204,11 @@ AUTHORS = {"noise_reducer": "Ma'arif 2019", "generalized": "Khan", "lis302dl": "
 class SamplesView:
     """The folder "Samples and papers" of the Source tab."""
 
-    def __init__(self, gui: viser.GuiApi, session: Session, open_spec: Callable[[str, Failed], None]) -> None:
+    def __init__(self, gui: viser.GuiApi, session: Session, open_spec: Callable[[str], None]) -> None:
         """Args: the usual; opens the source of this name."""
-        samples = {sample_label(sample.title, sample.made): f"sample:{sample.name}" for sample in list_samples()}
-        self._specs = samples | {experiment_label(one): f"experiment:{one.name}" for one in list_experiments()}
+        self._specs = specs_by_label()
         with gui.add_folder("Samples and papers"):
-            hint = "What comes with Kalscope, and figures re-created from three documents that publish no data."
+            hint = "Recordings, re-created figures of three documents that publish no data, and generated signals."
             self._menu = gui.add_dropdown("sample or figure", (NONE, *self._specs), hint=hint)
 
         def open_chosen() -> None:
@@ -242,7 +216,7 @@ class SamplesView:
             if kind == "experiment":
                 session.request(lambda state: opened_experiment(name, state), failed=Failed.OPEN)
             elif kind:
-                open_spec(f"sample:{name}", Failed.OPEN)
+                open_spec(f"{kind}:{name}")
 
         on_user(self._menu.on_update, lambda _client: open_chosen())
 
@@ -252,9 +226,13 @@ class SamplesView:
         self._menu.value = next((label for label, spec in self._specs.items() if spec == source), NONE)
 
 
-def sample_label(title: str, made: str) -> str:
-    """A sample in the menu, and how it was made where it was not measured."""
-    return f"{title} ({made})" if made else title
+def specs_by_label() -> dict[str, str]:
+    """What the menu offers, named as on the command line; a sample that was not measured says how it was made."""
+    samples = {
+        f"{one.title} ({one.made})" if one.made else one.title: f"sample:{one.name}" for one in list_samples()
+    }
+    figures = {experiment_label(one): f"experiment:{one.name}" for one in list_experiments()}
+    return samples | figures | {f"{shape.replace('_', ' ')} (generated)": f"synthetic:{shape}" for shape in SHAPES}
 
 
 def experiment_label(experiment: Experiment) -> str:
@@ -299,37 +277,27 @@ class SourceView:
                 self._path = gui.add_text(
                     "path",
                     path,
-                    hint="A log of any size on this computer, or a tuning file (.toml); press Enter to open it.",
+                    hint="A log, a tuning file (.toml), a fleet's folder, or such as synthetic:step?sigma=0.2.",
                 )
-            self._open = gui.add_button("Open this path", hint="Open the file at this path.")
+            add_button(gui, "Open this path", "Or press Enter in the box.", self._open_path)
             self._progress = gui.add_progress_bar(0.0, visible=False)
-            self._cancel = gui.add_button(
-                "Cancel", visible=False, hint="Stop reading; the current recording stays open."
-            )
+            hint = "Stop reading; the current recording stays open."
+            self._cancel = add_button(gui, "Cancel", hint, lambda _client: self._stop.set(), visible=False)
         self._report: viser.GuiMarkdownHandle | None = None
         self._described: Recording | None = None
-        for subscribe in (self._open.on_click, path_form.on_submit):
-            on_user(subscribe, lambda _client: self.open_spec(self._path.value.strip()))
-        on_user(self._cancel.on_click, lambda _client: self._stop.set())
+        on_user(path_form.on_submit, self._open_path)
 
     def build_rest(self, gui: viser.GuiApi) -> None:
-        """The lower part: samples and papers, the generator, the import summary and the import options."""
+        """The lower part: samples and papers, the import summary and the import options."""
         self._samples = SamplesView(gui, self._session, self.open_spec)
-        with gui.add_folder("Generate a signal", expand_by_default=False):
-            self._generator = GeneratorForm(gui, self.open_spec)
-        self._fleet = FleetView(gui, self._session, self._jobs, self._worker)
         with gui.add_folder("Import summary"):
             self._period = TypedNumber(
                 gui, self._session, "sample period", "sample period (s)", PERIOD_HINT, _period_typed
             )
             report = gui.add_markdown("")
-            self._options = gui.add_text(
-                "import options",
-                "",
-                hint=OPTIONS_HINT,
-            )
-            again = gui.add_button("Re-import", hint="Reads the file with these options, and what was added to it.")
-        on_user(again.on_click, lambda _client: self._read_again(self._options.value))
+            self._options = gui.add_text("import options", "", hint=OPTIONS_HINT)
+            hint = "Reads the file with these options, and what was added to it."
+            add_button(gui, "Re-import", hint, lambda _client: self._read_again(self._options.value))
         self._report = report  # last: a frame may come at any time
 
     def add_upload(self, client: viser.ClientHandle) -> None:
@@ -349,12 +317,18 @@ class SourceView:
 
         button.on_upload(take)
 
-    def open_spec(self, spec: str, failed: Failed = Failed.OPEN) -> None:
-        """Open what is named as on the command line; a tuning file is loaded onto what is open."""
+    def _open_path(self, _client: viser.ClientHandle) -> None:
+        self.open_spec(self._path.value.strip())
+
+    def open_spec(self, spec: str) -> None:
+        """Open what is named as on the command line; a tuning file or a fleet is added to what is open."""
+        name = Path(spec).name or spec
         if spec.lower().endswith(ENDING):
-            self._load(Path(spec).name, partial(load_tuning, spec))
+            self._load(name, partial(load_tuning, spec), lambda tuning: use_settings(tuning, name))
+        elif spec and Path(spec).is_dir():
+            self._load(name, partial(fleet_of, Path(spec)), open_fleet)
         else:
-            self._read(partial(open_source, spec), Path(spec).name or spec, ReadOptions(), failed=failed)
+            self._read(partial(open_source, spec), name, ReadOptions())
 
     def open_device(self, fleet: Fleet, device: int) -> None:
         """Open the recording of a device of a fleet, as the fleet read it."""
@@ -365,15 +339,16 @@ class SourceView:
 
     def _upload(self, name: str, content: bytes) -> None:
         if name.lower().endswith(ENDING):
-            self._load(name, partial(uploaded_settings, name, content))
+            self._load(name, partial(uploaded_settings, name, content), lambda tuning: use_settings(tuning, name))
         else:
             # As an array it goes to the worker without a copy.
             self._read(partial(read_upload, name, np.frombuffer(content, np.uint8)), name, ReadOptions())
 
-    def _load(self, name: str, read: Callable[[], Tuning]) -> None:
+    def _load(self, name: str, read: Callable[[], Any], change: Callable[[Any], Change]) -> None:
+        """Read what goes with the recording on screen, as a job."""
+
         def work() -> None:
-            tuning = self._worker.run(read, one_line(name)[:MAX_NAME])
-            self._session.request(use_settings(tuning, name), failed=Failed.OPEN)
+            self._session.request(change(self._worker.run(read, one_line(name)[:MAX_NAME])), failed=Failed.OPEN)
 
         self._jobs.run(work, Failed.OPEN)
 
@@ -400,7 +375,6 @@ class SourceView:
         what: str,
         options: ReadOptions,
         period: float | None = None,
-        failed: Failed = Failed.OPEN,
         then: Change = as_it_is,
     ) -> None:
         """Read `what` as a job, then show it; `period` is the sample period that the user typed for this file, s.
@@ -419,9 +393,9 @@ class SourceView:
                 after = then(opened(recording, state).with_open(options=options))
                 return after if period is None else with_sample_period(after, period)
 
-            self._session.request(show, failed=failed)
+            self._session.request(show, failed=Failed.OPEN)
 
-        self._jobs.run(work, failed)
+        self._jobs.run(work, Failed.OPEN)
 
     def show(self, frame: Frame) -> None:
         """Show which sample or figure is open, and the import summary."""
@@ -429,7 +403,6 @@ class SourceView:
         if self._report is None:
             return
         self._samples.show(frame)
-        self._fleet.show(frame.state.fleet)
         self._period.show(frame, recording.sample_period, "")
         self._period.set_visible(frame.state.live is None)
         if recording is self._described:  # once a recording, not once a frame

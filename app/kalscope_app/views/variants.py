@@ -12,7 +12,7 @@ from kalscope_app.session.changes import delete_variant, momentum_words, use_var
 from kalscope_app.session.session import Session
 from kalscope_app.session.state import MAX_VARIANTS, Variant
 from kalscope_app.studies.comparisons import VariantComparison, VariantRow
-from kalscope_app.views.widgets import capitalised, escape_markdown, on_user
+from kalscope_app.views.widgets import capitalised, escape_markdown, offer, on_user
 
 NOTHING = "–"
 
@@ -36,14 +36,10 @@ class VariantsView:
         with compare_tab:
             gui.add_markdown("### Pinned settings")
             self._table = gui.add_markdown(EMPTY)
-            folder = gui.add_folder("Change a pinned setting", visible=False)
-            with folder as self._folder:
+            with gui.add_folder("Change a pinned setting", visible=False) as self._folder:
                 self._which = gui.add_dropdown("setting", list[str]([NOTHING]), hint="One of the pinned settings.")
-                self._steps = gui.add_button_group(
-                    "",
-                    ("Use", "Delete"),
-                    hint="Use: tune with its q, r, momentum and initial state. Undo reverts both.",
-                )
+                hint = "Use: tune with its q, r, momentum and initial state. Undo reverts both."
+                self._steps = gui.add_button_group("", ("Use", "Delete"), hint=hint)
         on_user(self._steps.on_click, lambda _client: self._use_or_delete())
 
     def _use_or_delete(self) -> None:
@@ -52,26 +48,14 @@ class VariantsView:
 
     def show(self, frame: Frame) -> None:
         """Offer the variants there are."""
-        names = tuple(variant.name for variant in frame.state.variants)
-        self._folder.visible = bool(names)
-        before = tuple(self._which.options)
-        if names and names != before:
-            chosen = _follow(self._which.value, before, names)
-            self._which.options = names
-            self._which.value = chosen
+        names = tuple(variant.name for variant in frame.state.variants) or (NOTHING,)
+        self._folder.visible = names != (NOTHING,)
+        new, chosen = set(names).difference(self._which.options), self._which.value
+        offer(self._which, names, max(new) if new else chosen if chosen in names else names[-1])
 
     def show_table(self, table: VariantComparison) -> None:
         """Write the table."""
         self._table.content = table_text(table)
-
-
-def _follow(chosen: str, before: tuple[str, ...], names: tuple[str, ...]) -> str:
-    """What stays chosen when the names change: the same one; a new one as soon as it is there."""
-    if len(names) > len(before) or before == (NOTHING,):
-        return next(name for name in reversed(names) if name not in before)
-    if chosen in names:
-        return chosen
-    return names[min(before.index(chosen), len(names) - 1)] if chosen in before else names[-1]
 
 
 EXPLAINED = (

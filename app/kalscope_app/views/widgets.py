@@ -85,6 +85,15 @@ def on_user(
     subscribe(callback)
 
 
+def add_button(
+    gui: viser.GuiApi, label: str, hint: str | None, act: Callable[[viser.ClientHandle], object], **look: Any
+) -> viser.GuiButtonHandle:
+    """A button that calls `act` with the browser in which it is pressed."""
+    button = gui.add_button(label, hint=hint, **look)
+    on_user(button.on_click, act)
+    return button
+
+
 def bind(handle: Any, session: Session, change: Callable[[Any], Change]) -> None:
     """Request `change(value)` whenever a user edits this widget."""
     on_user(handle.on_update, lambda _client: session.request(change(handle.value)))
