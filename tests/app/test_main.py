@@ -9,7 +9,10 @@ from program import end, link_of, start
 from required import needs
 from wire import PATIENCE
 
-from kalscope_app.commands import run
+from kalscope.cli.app import run
+from kalscope_app.main import add_dashboard
+
+add_dashboard()
 
 
 def refusal(arguments, capsys):

@@ -97,7 +97,6 @@ RAISING = """
 import threading
 from kalscope_app.views import export as report
 from kalscope_app.views.export import CodeView
-from kalscope_app.views.export import TuningFileView
 from kalscope_app.views.map import TuningMapView
 from kalscope_app.views.source import SourceView
 
@@ -105,7 +104,7 @@ def raising(*_):
     raise LookupError("no such " + threading.current_thread().name)
 
 def on_the_loop(self, *_):
-    raise LookupError("no such save")
+    raise LookupError("no such files")
 
 def in_the_pool(self, *_):
     raise LookupError("no such upload")
@@ -116,16 +115,16 @@ def in_a_thread(self, client):
 def on_the_map(self):
     raise LookupError("no such point")
 
-TuningFileView._ask_to_save = on_the_loop
+CodeView._preview = on_the_loop
 SourceView._upload = in_the_pool
 report.filtered_csv_chunks = raising
-CodeView._save = in_a_thread
+CodeView._send = in_a_thread
 TuningMapView._on_pointed = on_the_map
 """
 BUTTONS = {
-    "Save tuning file": "no such save",
+    "Preview code": "no such files",
     "Download filtered CSV": "no such kalscope-jobs",
-    "Save to the folder": "no such reader",
+    "Download code": "no such reader",
 }
 
 
@@ -169,9 +168,9 @@ def test_with_a_client_and_a_job_the_end_leaves_nothing_behind(tmp_path):
     with running(tmp_path) as (program, url):
         port = port_of(url)
         with Guest(port, token_of(url)) as guest:
-            guest.read_until(lambda: "Generate" in labels(guest))
-            guest.set(guest.find("numbers"), "n=8000000")
-            guest.set(guest.find("Generate"), True)
+            guest.read_until(lambda: "Open this path" in labels(guest))
+            guest.set(guest.find("path"), "synthetic:sine?n=8000000")
+            guest.set(guest.find("Open this path"), True)
             children = wait_until(lambda: children_of(program.pid), "the process that reads")
             code, out, err = end(program, signal.SIGINT)
     assert (code, out, err) == (0, "", "")

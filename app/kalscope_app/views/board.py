@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import threading
 import time
 from collections.abc import Callable
-from functools import partial
 
 import viser
 
@@ -20,7 +18,7 @@ from kalscope_app.session.live_changes import set_sent
 from kalscope_app.session.session import Failed, Session
 from kalscope_app.session.state import BoardCalibration, Sent, State
 from kalscope_app.studies.checks import compare_with_board
-from kalscope_app.views.widgets import add_button, capitalised, escape_markdown, put
+from kalscope_app.views.widgets import SlowJob, add_button, capitalised, escape_markdown, put
 
 # The folder "Noise measured by the board" of the Export tab, for a board that runs the exported sketch.
 
@@ -38,28 +36,26 @@ class CalibrationView:
     ) -> None:
         self._session, self._tell, self._connection = session, tell, connection
         self._jobs = Jobs(tell)  # a measurement takes minutes: no search should wait for it
-        self._stop, self._ended = threading.Event(), 0.0
+        self._ended = 0.0
         self._running: float | None = None  # length of the running measurement, s
         with gui.add_folder("Noise measured by the board", visible=False) as self._folder:
             hint = "Keep what the sensor measures constant for this long."
             self._seconds = gui.add_text("measure for (s)", "10", hint=hint)
             hint = "It then uses that r, and the q that keeps the lag of its export. Its filter keeps running."
             self._start = add_button(gui, "Let the board measure r", hint, self._on_start)
-            self._progress = gui.add_progress_bar(0.0, visible=False)
+            self._measuring = SlowJob(gui, "The board keeps its values.")
             self._text = gui.add_markdown("", visible=False)
 
-            def add(label: str, hint: str, act: Callable[[], object]) -> viser.GuiButtonHandle:
-                return add_button(gui, label, hint, lambda _client: act(), visible=False)
+            hint = "In the tuning of this channel. Undo reverts it."
+            self._use = add_button(gui, "Use its r and q here", hint, self._on_use, visible=False)
+            hint = "In its EEPROM, for all channels: otherwise a reset restores those of the export."
+            self._keep = add_button(gui, KEEP, hint, self._on_keep, visible=False)
 
-            hint = "The board keeps its values."
-            self._cancel = add_button(gui, "Cancel", hint, lambda _client: self._stop.set(), visible=False)
-            use, hint = live_changes.use_calibration, "In the tuning of this channel. Undo reverts it."
-            self._use = add("Use its r and q here", hint, partial(session.request, use))
-            keep, hint = (
-                self._keep_or_forget,
-                "In its EEPROM, for all channels: otherwise a reset restores the export.",
-            )
-            self._keep = add(KEEP, hint, partial(self._jobs.run_with_state, session, keep, Failed.KEEP))
+    def _on_use(self, _client: viser.ClientHandle) -> None:
+        self._session.request(live_changes.use_calibration)
+
+    def _on_keep(self, _client: viser.ClientHandle) -> None:
+        self._jobs.run_with_state(self._session, self._keep_or_forget, Failed.KEEP)
 
     def _on_start(self, _client: viser.ClientHandle) -> None:
         clicked = time.monotonic()
@@ -73,12 +69,12 @@ class CalibrationView:
     def _measure(self, state: State) -> None:
         source = self._connection.source_of(state)
         seconds = typed_number("the time to measure for", self._seconds.value)
-        stop = self._stop = threading.Event()
-        self._running, self._progress.value = seconds, 0.0
-        self._session.request(live_changes.set_calibration(None))  # its frame shows the progress
+        self._running = seconds
+        self._session.request(live_changes.set_calibration(None))  # its frame says that it measures
         try:
-            progress = Progress(lambda done, _text: put(self._progress, value=round(100.0 * done, 1)), stop.is_set)
-            measured = measured_by_board(state, source, seconds, progress)
+            with self._measuring as job:
+                progress = Progress(job.report, job.is_cancelled)
+                measured = measured_by_board(state, source, seconds, progress)
         finally:
             self._ended, self._running = time.monotonic(), None
             self._session.request(lambda state: state)  # and the frame of this one hides it
@@ -100,8 +96,6 @@ class CalibrationView:
         running, known = self._running, live_changes.calibration_here(state)
         for shown in self._seconds, self._start:
             put(shown, visible=running is None)
-        for shown in self._progress, self._cancel:
-            put(shown, visible=running is not None)
         if running is not None:
             text = f"Measuring for {duration(running)}: keep what the sensor measures constant."
         else:

@@ -19,7 +19,7 @@ from kalscope.export.registry import TARGETS, export_tuning, in_sketch_folder, l
 from kalscope.export.report import as_html, make_report
 from kalscope.filtering.steady import steady_state
 from kalscope.tuning.file import dumps
-from kalscope.tuning.tuning import Tuning, rescaled_to_period, same_period
+from kalscope.tuning.tuning import Tuning, rescaled_to_period
 from kalscope_app.engine.frame import Frame
 from kalscope_app.engine.jobs import Jobs
 from kalscope_app.session.changes import ENDING
@@ -65,8 +65,8 @@ UNEVEN = 0.5
 """Periods by which a time step must differ from one before a device would show it."""
 
 GAPS = (
-    "On screen, gaps in time count. The code and the test vectors take one period per sample: pass a NaN to the "
-    "device's filter for each missing sample."
+    "On screen, gaps in time count. The code takes one period per sample: pass a NaN to the device's filter "
+    "for each missing sample."
 )
 
 
@@ -86,27 +86,14 @@ class Choice:
 
 def device_notes(state: State, choice: Choice = Choice()) -> str:
     """How the filter on screen will run on the device at this choice, as markdown. A study."""
-    lag = ""
+    notes = [limits_text(state, choice)]
     if state.is_standard:
         with suppress(BadSetting):  # the limits say why
-            lag = _lag_note(state, choice)
-    return "\n\n".join(filter(None, (lag, limits_text(state, choice))))
-
-
-def _lag_note(state: State, choice: Choice) -> str:
-    """The lag on the device, and as recorded where that is at another period."""
-    recorded, there = state.as_tuning(), device_tuning(state, choice)
-    here, period = recorded.sample_period, there.sample_period
-    if period is None:
-        return ""
-    lag, before = (
-        lag_text(steady_state(one.channel(state.channel).params, one.sample_period).lag_samples, one.sample_period)
-        for one in (there, recorded)
-    )
-    same = here is None or same_period(period, here)
-    return (
-        f"Lag **{lag}** at {duration(period)} per sample{', as recorded' if same else f'; {before} as recorded'}."
-    )
+            there = device_tuning(state, choice)
+            if (period := there.sample_period) is not None:
+                lag = steady_state(there.channel(state.channel).params, period).lag_samples
+                notes.insert(0, f"Lag **{lag_text(lag, period)}** at {duration(period)} per sample.")
+    return "\n\n".join(filter(None, notes))
 
 
 def limits_text(state: State, choice: Choice = Choice()) -> str:
@@ -130,19 +117,13 @@ def limits_text(state: State, choice: Choice = Choice()) -> str:
     return "\n".join(f"- {line}" for line in lines) if len(lines) > 1 else "".join(lines)
 
 
-def files_of(state: State, choice: Choice, *, vectors: bool = False) -> dict[str, str]:
-    """The files of a choice for what is on screen, by name; with the test vectors if asked for.
+def files_of(state: State, choice: Choice) -> dict[str, str]:
+    """The files of a choice for what is on screen, by name.
 
     Raises:
         BadSetting: As `export_tuning`, and where a channel has the Khan et al. filter.
     """
-    recording = state.recording if vectors else None
-    return export_tuning(
-        device_tuning(state, choice),
-        choice.target,
-        vectors=recording,
-        calibration=choice.calibration,
-    )
+    return export_tuning(device_tuning(state, choice), choice.target, calibration=choice.calibration)
 
 
 def device_tuning(state: State, choice: Choice) -> Tuning:
@@ -198,8 +179,6 @@ class CodeView:
             add_button(gui, "Download code", "One file, or a zip of several.", self._send, color=PRIMARY)
             with gui.add_folder("Options", expand_by_default=False):
                 self._channels = gui.add_dropdown("channels", (THIS, ALL), hint="Which filters the files contain.")
-                hint = "groundtruth.csv: the first samples of this recording, raw and filtered."
-                self._vectors = gui.add_checkbox("test vectors", False, hint=hint)
                 hint = "The board measures r itself when it is asked to."
                 self._calibration = gui.add_checkbox("self-calibration", False, hint=hint)
         for box in (self._target, self._channels, self._period, self._calibration):
@@ -227,10 +206,8 @@ class CodeView:
 
     def _with_files(self, use: Callable[[dict[str, str]], None]) -> None:
         """Make the files of the state on screen, as a job, and hand them on."""
-        choice, vectors = self.choice, self._vectors.value
-        self._jobs.run_with_state(
-            self._session, lambda state: use(files_of(state, choice, vectors=vectors)), Failed.EXPORT
-        )
+        choice = self.choice
+        self._jobs.run_with_state(self._session, lambda state: use(files_of(state, choice)), Failed.EXPORT)
 
     def show(self, frame: Frame) -> None:
         """One channel leaves no choice, and neither do fused sensors."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import threading
 from functools import partial
 
 import viser
@@ -24,7 +23,7 @@ from kalscope_app.session.state import MAX_SENSORS, Change, State
 from kalscope_app.studies.checks import Judged
 from kalscope_app.views.checks import reasons_of
 from kalscope_app.views.widgets import (
-    SlowJobProgress,
+    SlowJob,
     TypedNumber,
     add_button,
     escape_markdown,
@@ -114,16 +113,13 @@ class FusionView:
 
     def __init__(self, gui: viser.GuiApi, session: Session, jobs: Jobs) -> None:
         self._session, self._jobs = session, jobs
-        self._stop = threading.Event()
         self._offered: tuple[str, ...] = ()
         with gui.add_folder("Fuse sensors", expand_by_default=False, visible=False) as self._folder:
             self._said = gui.add_markdown(HOW)
             self._rows = [SensorControl(gui, session, i) for i in range(MAX_SENSORS)]
             self._reference = gui.add_dropdown("reference", list[str]([NO_REFERENCE]), hint=REFERENCE_HINT)
             self._fuse = add_button(gui, "Fuse", "Finds q, noise and offsets; Undo reverts it.", self._start)
-            self._progress = gui.add_progress_bar(0.0, visible=False)
-            hint = "Stop and change nothing."
-            self._cancel = add_button(gui, "Cancel", hint, lambda _client: self._stop.set(), visible=False)
+            self._running = SlowJob(gui, "Stop and change nothing.")
             hint = "Back to the channel; Undo reverts it."
             end = partial(session.request, stop_fusing)
             self._end = add_button(gui, "Stop fusing", hint, lambda _client: end(), visible=False)
@@ -132,22 +128,21 @@ class FusionView:
     def _start(self, _client: viser.ClientHandle) -> None:
         sensors = tuple(row.name for row in self._rows if row.name is not None and row.ticked)
         reference = self._reference.value if self._reference.value in sensors else None
-        stop = self._stop = threading.Event()
-        work = partial(self._search, sensors=sensors, reference=reference, stop=stop)
+        work = partial(self._search, sensors=sensors, reference=reference)
         self._jobs.run_with_state(self._session, work, Failed.FUSE)
 
-    def _search(self, state: State, sensors: tuple[str, ...], reference: str | None, stop: threading.Event) -> None:
+    def _search(self, state: State, sensors: tuple[str, ...], reference: str | None) -> None:
         from kalscope.estimation.fusion import estimate_fusion
 
         columns, known = readings_of(state, sensors), studied(state)
-        with SlowJobProgress(self._progress, self._cancel) as shown:
+        with self._running as running:
             found = estimate_fusion(
                 known.recording.values[:, columns],
                 dt=known.dt,
                 names=sensors,
                 reference=reference,
-                progress=shown.report,
-                cancelled=stop.is_set,
+                progress=running.report,
+                cancelled=running.is_cancelled,
             )
         self._session.request(apply_estimate(state.recording, sensors, found), failed=Failed.FUSE)
 

@@ -121,8 +121,6 @@ class LiveView:
 
     def _add_options(self, gui: viser.GuiApi) -> None:
         with gui.add_folder("Advanced", expand_by_default=False):
-            hint = "After unplugging. Off: the port stays free, for flashing."
-            self._reconnect = gui.add_checkbox("reconnect automatically", True, hint=hint)
             hint = "DTR: most boards restart, and some send only then."
             self._reset = gui.add_checkbox("reset the board on connecting", True, hint=hint)
             hint = "The channel in which the board sends its own filtered value."
@@ -156,12 +154,10 @@ class LiveView:
 
     def _on_connect(self, _client: viser.ClientHandle) -> None:
         spec = self._typed.value.strip() if self._port.value == TYPED else self._devices.get(self._port.value, "")
-        rate, reconnect, reset = self._baud.value.strip(), self._reconnect.value, self._reset.value
-
-        def connect() -> None:
-            self._connection.open(self._session, port_named(spec, rate, reset=reset), reconnect=reconnect)
-
-        self._jobs.run(connect, Failed.CONNECT)
+        rate, reset = self._baud.value.strip(), self._reset.value
+        self._jobs.run(
+            lambda: self._connection.open(self._session, port_named(spec, rate, reset=reset)), Failed.CONNECT
+        )
 
     def _on_disconnect(self) -> None:
         self._connection.close()

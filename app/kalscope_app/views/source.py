@@ -52,7 +52,7 @@ from kalscope_app.session.session import Failed, Session
 from kalscope_app.session.state import Change, State
 from kalscope_app.views.fleet import fleet_of
 from kalscope_app.views.widgets import (
-    SlowJobProgress,
+    SlowJob,
     TypedNumber,
     add_button,
     capitalised,
@@ -201,29 +201,23 @@ AUTHORS = {"noise_reducer": "Ma'arif 2019", "generalized": "Khan", "lis302dl": "
 """Source documents, by what their experiments' names begin with."""
 
 
-class SamplesView:
-    """The folder "Samples and papers" of the Source tab."""
+def add_samples(gui: viser.GuiApi, session: Session, open_spec: Callable[[str], None]) -> None:
+    """The folder "Samples and papers" of the Source tab; `open_spec` opens the source of a name."""
+    specs = specs_by_label()
+    with gui.add_folder("Samples and papers"):
+        hint = "Recordings, re-created figures of three documents that publish no data, and generated signals."
+        menu = gui.add_dropdown("sample or figure", (NONE, *specs), hint=hint)
 
-    def __init__(self, gui: viser.GuiApi, session: Session, open_spec: Callable[[str], None]) -> None:
-        """Args: the usual; opens the source of this name."""
-        self._specs = specs_by_label()
-        with gui.add_folder("Samples and papers"):
-            hint = "Recordings, re-created figures of three documents that publish no data, and generated signals."
-            self._menu = gui.add_dropdown("sample or figure", (NONE, *self._specs), hint=hint)
+    def open_chosen() -> None:
+        spec = specs.get(menu.value, "")
+        menu.value = NONE  # the header names what is open, and the same one can be chosen again
+        if spec.startswith("experiment:"):
+            name = spec.removeprefix("experiment:")
+            session.request(lambda state: opened_experiment(name, state), failed=Failed.OPEN)
+        elif spec:
+            open_spec(spec)
 
-        def open_chosen() -> None:
-            kind, _, name = self._specs.get(self._menu.value, "").partition(":")
-            if kind == "experiment":
-                session.request(lambda state: opened_experiment(name, state), failed=Failed.OPEN)
-            elif kind:
-                open_spec(f"{kind}:{name}")
-
-        on_user(self._menu.on_update, lambda _client: open_chosen())
-
-    def show(self, frame: Frame) -> None:
-        """Show which one is open."""
-        source = frame.state.recording.source
-        self._menu.value = next((label for label, spec in self._specs.items() if spec == source), NONE)
+    on_user(menu.on_update, lambda _client: open_chosen())
 
 
 def specs_by_label() -> dict[str, str]:
@@ -258,18 +252,12 @@ OPTIONS_HINT = "As on the command line, such as --delimiter tab --missing -200; 
 PERIOD_HINT = "Time between two samples. Empty: as recorded."
 
 
-def as_it_is(state: State) -> State:
-    """No further change."""
-    return state
-
-
 class SourceView:
     """The Source tab. A job has the worker read; the session then gets the finished Recording."""
 
     def __init__(self, gui: viser.GuiApi, session: Session, jobs: Jobs, worker: Worker, path: str = "") -> None:
         """Args: the usual; the process that reads; the path that is offered."""
         self._session, self._jobs, self._worker = session, jobs, worker
-        self._stop = threading.Event()
         self._building = threading.Lock()
         self._again: tuple[tuple[str, str], Reader] = (("", ""), open_source)
         with gui.add_folder("Your file") as self._own:
@@ -280,25 +268,22 @@ class SourceView:
                     hint="A log, a tuning file (.toml), a fleet's folder, or such as synthetic:step?sigma=0.2.",
                 )
             add_button(gui, "Open this path", "Or press Enter in the box.", self._open_path)
-            self._progress = gui.add_progress_bar(0.0, visible=False)
-            hint = "Stop reading; the current recording stays open."
-            self._cancel = add_button(gui, "Cancel", hint, lambda _client: self._stop.set(), visible=False)
-        self._report: viser.GuiMarkdownHandle | None = None
+            self._reading = SlowJob(gui, "Stop reading; the current recording stays open.")
         self._described: Recording | None = None
         on_user(path_form.on_submit, self._open_path)
 
     def build_rest(self, gui: viser.GuiApi) -> None:
         """The lower part: samples and papers, the import summary and the import options."""
-        self._samples = SamplesView(gui, self._session, self.open_spec)
+        add_samples(gui, self._session, self.open_spec)
         with gui.add_folder("Import summary"):
+            name = "sample period"
             self._period = TypedNumber(
-                gui, self._session, "sample period", "sample period (s)", PERIOD_HINT, _period_typed
+                gui, self._session, name, f"{name} (s)", PERIOD_HINT, lambda _, text: set_sample_period(text)
             )
-            report = gui.add_markdown("")
+            self._report = gui.add_markdown("")
             self._options = gui.add_text("import options", "", hint=OPTIONS_HINT)
             hint = "Reads the file with these options, and what was added to it."
             add_button(gui, "Re-import", hint, lambda _client: self._read_again(self._options.value))
-        self._report = report  # last: a frame may come at any time
 
     def add_upload(self, client: viser.ClientHandle) -> None:
         """Give one browser its own upload button: a shared one would replay each upload to new browsers."""
@@ -375,7 +360,7 @@ class SourceView:
         what: str,
         options: ReadOptions,
         period: float | None = None,
-        then: Change = as_it_is,
+        then: Change = lambda state: state,
     ) -> None:
         """Read `what` as a job, then show it; `period` is the sample period that the user typed for this file, s.
 
@@ -383,10 +368,9 @@ class SourceView:
         """
 
         def work() -> None:
-            stop = self._stop = threading.Event()  # now: Cancel stops what is being read, not what is queued
-            with SlowJobProgress(self._progress, self._cancel) as shown:
-                read = partial(reader, options)
-                recording = self._worker.run(read, one_line(what)[:MAX_NAME], shown.report, stop.is_set)
+            with self._reading as job:
+                read, name = partial(reader, options), one_line(what)[:MAX_NAME]
+                recording = self._worker.run(read, name, job.report, job.is_cancelled)
             self._again = (recording.source, recording.title), reader
 
             def show(state: State) -> State:
@@ -398,11 +382,8 @@ class SourceView:
         self._jobs.run(work, Failed.OPEN)
 
     def show(self, frame: Frame) -> None:
-        """Show which sample or figure is open, and the import summary."""
+        """Show the import summary."""
         recording = frame.state.recording
-        if self._report is None:
-            return
-        self._samples.show(frame)
         self._period.show(frame, recording.sample_period, "")
         self._period.set_visible(frame.state.live is None)
         if recording is self._described:  # once a recording, not once a frame
@@ -416,10 +397,6 @@ class SourceView:
 def words_of(options: ReadOptions) -> str:
     """Options as they are typed."""
     return join_values(option_words(options))
-
-
-def _period_typed(_name: str, text: str) -> Change:
-    return set_sample_period(text)
 
 
 def read_upload(

@@ -93,29 +93,21 @@ def _cells(table: VariantComparison, row: VariantRow) -> dict[str, str]:
     unit = escape_markdown(table.state.tuning.unit, 12)
     quiet = "✓" if fit is not None and abs(fit.diagnostics.r1) <= fit.diagnostics.r1_bound else "✗"
     numbers = {
-        "filter": "Kalman" if chain is None else capitalised(chain.words),
+        "filter": ("Kalman" if chain is None else capitalised(chain.words)) if table.with_chain else "",
         "q": number(tuning.q) if used else "",
         "r": number(tuning.r) if used else "",
-        "τ": momentum_words(tuning.momentum, period) if used else "",
+        "τ": momentum_words(tuning.momentum, period) if used and tuning.momentum else "",
         "lag": lag_text(steady.lag_samples, period),
         "noise": decibels(-steady.noise_reduction_db),
-        "over\u00adshoot": percent(steady.overshoot),
+        "over\u00adshoot": percent(steady.overshoot) if steady.overshoot else "",
         f"RMSE {unit}".strip(): "" if measures.rmse is None else number(measures.rmse, 4),
         "NIS": "" if fit is None else number(fit.diagnostics.nis),
         "lag‑1 corr.": "" if fit is None else f"{correlation(fit.diagnostics.r1)} {quiet}",
         "log-likelihood": "" if fit is None else number(fit.loglik, 6),
     }
-    hidden = {
-        *(() if table.with_chain else ("filter",)),
-        *(() if table.with_momentum else ("τ", "over\u00adshoot")),
-    }
     name = "**current**" if row.variant is None else mark(row.variant, dark=table.state.view.dark)
-    glued = {
-        column: cell if len(cell) > MAX_UNBROKEN else cell.replace(" ", "\u00a0")
-        for column, cell in numbers.items()
-        if column not in hidden
-    }
-    return {"": name, **glued}
+    glued = (cell if len(cell) > MAX_UNBROKEN else cell.replace(" ", "\u00a0") for cell in numbers.values())
+    return {"": name, **dict(zip(numbers, glued, strict=True))}
 
 
 def mark(variant: Variant, *, dark: bool) -> str:

@@ -20,7 +20,6 @@ from kalscope_app.session.changes import (
     close_fleet,
     find_devices,
     open_fleet,
-    set_at_shared,
     set_fleet_order,
     set_text,
 )
@@ -57,15 +56,12 @@ def test_a_fleet_opens_with_the_map_and_closes(fleet, state):
 
 
 @pytest.mark.slow
-def test_a_device_opens_at_its_own_filter_or_at_the_one_for_all(fleet, state):
+def test_a_device_opens_at_its_own_filter(fleet, state):
     own = at(fleet, state, NOISY)
     assert (own.tuning.q, own.tuning.r) == (fleet.devices.q[NOISY], fleet.devices.r[NOISY])
     assert own.fleet is state.fleet
     assert own.recording.title == "dev03.csv"
     assert "its own filter" in own.answers.note
-    shared = at(fleet, set_at_shared(True)(state), NOISY)
-    assert (shared.tuning.q, shared.tuning.r) == (fleet.shared.params.q, fleet.shared.params.r)
-    assert "the filter for all" in shared.answers.note
 
 
 @pytest.mark.slow

@@ -79,7 +79,10 @@ def test_the_lag_at_the_period_of_the_device_is_shown(state):
     assert re.fullmatch(r"Lag \*\*(6\d|7\d)[.\d]* ms\*\* at 10 ms per sample; 50 ms as recorded\.", slower)
     untimed = state.with_open(recording=replace(state.recording, sample_period=None))
     assert device_notes(untimed) == ""
-    for one in (device_notes(state, Choice(period="often")), device_notes(opened_experiment("generalized_figure_8"))):
+    for one in (
+        device_notes(state, Choice(period="often")),
+        device_notes(opened_experiment("generalized_figure_8")),
+    ):
         assert "Lag" not in one
 
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import threading
-
 import numpy as np
 import pytest
 
@@ -75,23 +73,23 @@ def test_a_row_follows_its_sensor_and_one_that_drops_out_keeps_its_tick_box_alon
     bench, _, door = view._rows[:3]
     share = f"bench: share {100 * state.fusion.shares['bench']:.0f} %"
     assert bench._tick.label == share
-    assert door._r.slider.visible
+    assert door._boxes["r"]._text.visible
     view.show(frame_of(set_taking_part("door", False)(state)))
-    assert (door.ticked, door._tick.visible, door._r.slider.visible) == (False, True, False)
+    assert (door.ticked, door._tick.visible, door._boxes["r"]._text.visible) == (False, True, False)
     assert bench._tick.label != share
     assert door._tick.label == "door"
 
 
-def test_the_job_fits_the_ticked_sensors_by_a_reference_and_can_be_cancelled(view):
-    single, stop = opened(greenhouse(n=200)), threading.Event()
+def test_the_job_fits_the_ticked_sensors_by_a_reference_and_can_be_cancelled(view, monkeypatch):
+    single = opened(greenhouse(n=200))
     session = view._session = Session(single)
-    view._search(single, ("bench", "roof"), "roof", stop)
+    view._search(single, ("bench", "roof"), "roof")
     fusion = session.apply_requests()[0].fusion
     assert fusion.tuning.sensors == ("bench", "roof")
     assert fusion.tuning.offset[1] == 0.0
-    stop.set()
+    monkeypatch.setattr(view._running, "is_cancelled", lambda: True)
     with pytest.raises(Cancelled):
-        view._search(single, ("bench", "roof"), None, stop)
+        view._search(single, ("bench", "roof"), None)
 
 
 @pytest.mark.slow
