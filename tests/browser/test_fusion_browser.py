@@ -47,8 +47,7 @@ def test_sensors_are_fused_one_drops_out_and_the_file_brings_them_back(start, tm
     wait_for_share(screen, "a", f"{100 * two.shares[0]:.0f} %")
     screen.type("process noise q", "0.001")
     screen.tab("Export")
-    press(screen, "Save tuning file")
-    screen.notification("Saved").wait_for()
+    screen.download("Download tuning file", tmp_path / "tuning.toml")
     saved = load_tuning(tmp_path / "tuning.toml").fusion
     assert (saved.sensors, saved.q) == (("a", "b"), 0.001)
     tuned = fuse(z[:, :2], saved.params).x
@@ -57,8 +56,8 @@ def test_sensors_are_fused_one_drops_out_and_the_file_brings_them_back(start, tm
     screen.tab("Tune")
     press(screen, "Stop fusing")
     screen.text_box("measurement noise r").wait_for()
-    screen.tab("Export")
-    screen.upload("Upload tuning file", tmp_path / "tuning.toml")
+    screen.tab("Source")
+    screen.upload("Upload a file", tmp_path / "tuning.toml")
     screen.wait_for_line("fused", tuned, 1e-9)
     screen.tab("Tune")
     press(screen, "Undo")

@@ -17,8 +17,8 @@ from kalscope_app.session.session import Session, undo
 class Source:
     """A source that only notes what is asked of it."""
 
-    def __init__(self, _port=None, *, reconnect=True):
-        self.calls, self.recorder, self.reconnect = [], None, reconnect
+    def __init__(self, _port=None):
+        self.calls, self.recorder = [], None
         self.spec = SimpleNamespace(url="x", baud=9600)
 
     def start(self):

@@ -49,23 +49,15 @@ def at(fleet, state, i):
 
 
 @pytest.mark.slow
-def test_a_fleet_opens_with_the_map_and_closes(fleet, state):
-    assert state.fleet.fleet is fleet
+def test_a_fleet_opens_with_the_map_and_a_device_at_its_own_filter(fleet, state):
     assert state.view.map_shown
     assert close_fleet(state).fleet is None
-
-
-@pytest.mark.slow
-def test_a_device_opens_at_its_own_filter(fleet, state):
     own = at(fleet, state, NOISY)
     assert (own.tuning.q, own.tuning.r) == (fleet.devices.q[NOISY], fleet.devices.r[NOISY])
     assert own.fleet is state.fleet
     assert own.recording.title == "dev03.csv"
     assert "its own filter" in own.answers.note
 
-
-@pytest.mark.slow
-def test_a_device_without_q_and_r_says_why(fleet, state):
     empty = fleet.devices.ids.index("empty.csv")
     after = at_device(fleet, empty)(opened(open_source("demo"), state))
     assert "no q and r" in after.answers.note
@@ -87,19 +79,13 @@ def test_undo_goes_back_to_the_recording_and_keeps_the_fleet(fleet, state):
     assert back.fleet.fleet is fleet
 
 
-def test_what_a_browser_cannot_choose_is_refused():
+def test_every_order_lists_devices_once_and_no_other_is_taken(fleet):
+    rows = {order: ranked(fleet).tolist() for order, ranked in ORDERS.items()}
+    assert all(len(set(one)) == len(one) > 0 for one in rows.values())
+    assert rows["largest r"][0] == NOISY
+    assert [fleet.devices.ids[i] for i in rows["without q and r"]] == ["empty.csv"]
     with pytest.raises(BadSetting):
         set_fleet_order("by heart")
-
-
-@pytest.mark.parametrize("order", ORDERS)
-def test_every_order_lists_devices_once(fleet, order):
-    rows = ORDERS[order](fleet).tolist()
-    assert len(set(rows)) == len(rows) > 0
-    if "largest r" in order:
-        assert rows[0] == NOISY
-    if order == "without q and r":
-        assert [fleet.devices.ids[i] for i in rows] == ["empty.csv"]
 
 
 @pytest.mark.slow
@@ -130,11 +116,6 @@ def fleet_of(q, r, odd=(), growth=None, verdicts=None, shared=(0.01, 1.0), names
     return fleet
 
 
-def large(n=100_000):
-    g = np.random.default_rng(0)
-    return fleet_of(0.01 * np.exp(0.3 * g.normal(size=n)), np.exp(0.3 * g.normal(size=n)), odd=range(40))
-
-
 def test_a_small_fleet_is_points_at_their_q_and_r():
     fleet = fleet_of([0.1, np.nan, 1.0, 0.0], [1.0, 1.0, 0.01, 1.0])
     layer = fleet_layer(OpenFleet(fleet), *RANGES)
@@ -144,11 +125,15 @@ def test_a_small_fleet_is_points_at_their_q_and_r():
         (2, [0.0, -2.0]),
     ]
     assert layer.shared == pytest.approx((-2.0, 0.0))
+    frame = MapFrame(*RANGES)
+    x, y = frame.pixel((0.0, -2.0))
+    assert layer.nearest(frame, (x + 5, y - 5)) == 2
+    assert layer.nearest(frame, (x + 12, y)) is None
 
 
 def test_a_large_fleet_is_a_density_with_its_outliers_as_points():
-    fleet = large()
-    layer = fleet_layer(OpenFleet(fleet), *RANGES)
+    q, r = np.exp(0.3 * np.random.default_rng(0).normal(size=(2, 100_000)))
+    layer = fleet_layer(OpenFleet(fleet_of(0.01 * q, r, odd=range(40))), *RANGES)
     assert sorted(layer.devices.tolist()) == list(range(40))
     assert layer.density.shape == CELLS[::-1]
     row, column = np.unravel_index(layer.density.argmax(), layer.density.shape)
@@ -157,25 +142,12 @@ def test_a_large_fleet_is_a_density_with_its_outliers_as_points():
     assert layer.density.max() == 1.0
 
 
-def test_a_click_takes_the_nearest_point_and_none_from_afar():
-    frame = MapFrame(*RANGES)
-    layer = fleet_layer(OpenFleet(fleet_of([0.01, 1.0], [1.0, 1.0])), *RANGES)
-    x, y = frame.pixel((0.0, 0.0))
-    assert layer.nearest(frame, (x + 5, y - 5)) == 1
-    assert layer.nearest(frame, (x + 12, y)) is None
-    nothing = fleet_layer(OpenFleet(fleet_of([np.nan], [np.nan])), *RANGES)
-    assert nothing.nearest(frame, (x, y)) is None
-
-
-def map_of(fleet):
-    state = open_fleet(fleet)(opened(synthesize("random_walk", n=1000, seed=1)))
-    shown = MapMaker()(state)
-    return state, shown, MapFrame(shown.q, shown.r)
-
-
 @pytest.mark.parametrize("dark", [False, True])
 def test_the_picture_has_a_point_in_its_colour_where_the_device_is(dark):
-    state, shown, frame = map_of(fleet_of([1e-4, 0.3], [0.1, 0.1], growth=[0.0, 0.5]))
+    two = fleet_of([1e-4, 0.3], [0.1, 0.1], growth=[0.0, 0.5])
+    state = open_fleet(two)(opened(synthesize("random_walk", n=1000, seed=1)))
+    shown = MapMaker()(state)
+    frame = MapFrame(shown.q, shown.r)
     picture = draw_map_picture(picture_input(state.with_view(dark=dark), shown, frame))
     palette = DARK if dark else LIGHT
     for (q, r), kind in ((-4.0, -1.0), 0), ((np.log10(0.3), -1.0), 2):

@@ -18,14 +18,10 @@ from kalscope_app.views.source import specs_by_label
 @pytest.mark.parametrize(
     ("shown", "kept", "before", "now", "expected"),
     [
-        (TYPED, False, (), (), TYPED),
         (TYPED, False, (), ("A", "B"), "A"),
-        (TYPED, True, (), ("A",), TYPED),
         (TYPED, True, ("A",), ("A", "B"), TYPED),
         ("A", False, ("A",), ("A", "B"), "B"),
         ("A", True, ("A",), ("A", "B"), "A"),
-        ("A", True, ("A", "B"), ("B", "C"), "C"),
-        ("B", False, ("A", "B"), ("A",), "A"),
         ("B", False, ("A", "B"), ("B",), "B"),
         ("A", False, ("A",), (), TYPED),
     ],
