@@ -55,6 +55,7 @@ def test_the_code_that_is_looked_at_is_the_code_that_is_downloaded(screen, tmp_p
         assert place["width"] > 900, "too narrow to read code in"
         assert place["height"] > 300, "too low to read code in"
         button(screen, "Close").wait_for()
+    screen.page.get_by_role("progressbar").wait_for(state="hidden")  # viser's of the download, without a name
     assert findings(screen.page) == []
     screen.shot("code-to-copy")
     button(screen, "Close").click()

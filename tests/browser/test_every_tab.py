@@ -21,7 +21,7 @@ RIGHT_TABS = ("Signal", "Check", "Compare", "Channels", "Noise")
 CLOSED_FOLDERS = {
     "Tune": ("More settings and numbers",),
     "Source": ("Advanced",),
-    "Export": ("Options", "Command line"),
+    "Export": ("Command line",),
 }
 CHARTS = {"Signal": 2, "Check": 1, "Compare": 1, "Channels": 1, "Noise": 3}
 SAID = {

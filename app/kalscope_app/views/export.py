@@ -157,7 +157,7 @@ def packed(target: str, files: dict[str, str]) -> tuple[str, bytes]:
     return f"{title}.zip", buffer.getvalue()
 
 
-# Code for a device: choose a target, preview its files, save or download them.
+# Code for a device: choose a target, preview its files, download them.
 
 
 THIS, ALL = "this channel", "all channels"
@@ -171,16 +171,14 @@ class CodeView:
         with gui.add_folder("Export code"):
             self._target = gui.add_dropdown("target", tuple(TITLES), hint="Where it will run.")
             self._what = gui.add_markdown(TARGETS["arduino"].what)
-            self._period = gui.add_text(
-                "device sample period (s)", "", hint="Time between two samples on the device. Empty: as recorded."
-            )
+            self._channels = gui.add_dropdown("channels", (THIS, ALL), hint="Which filters the files contain.")
+            hint = "Time between two samples on the device. Empty: as recorded."
+            self._period = gui.add_text("device sample period (s)", "", hint=hint)
+            hint = "The board measures r itself when it is asked to."
+            self._calibration = gui.add_checkbox("self-calibration", False, hint=hint)
             self._notes = gui.add_markdown("", visible=False)
             add_button(gui, "Preview code", "Shows the files, to read and copy.", self._preview)
             add_button(gui, "Download code", "One file, or a zip of several.", self._send, color=PRIMARY)
-            with gui.add_folder("Options", expand_by_default=False):
-                self._channels = gui.add_dropdown("channels", (THIS, ALL), hint="Which filters the files contain.")
-                hint = "The board measures r itself when it is asked to."
-                self._calibration = gui.add_checkbox("self-calibration", False, hint=hint)
         for box in (self._target, self._channels, self._period, self._calibration):
             on_user(box.on_update, lambda _client: self._show_choice())
 
