@@ -32,7 +32,7 @@ from kalscope_app.views.export import CodeView, CommandLineView, add_downloads, 
 from kalscope_app.views.fleet import FleetTab
 from kalscope_app.views.fusion import FusionView
 from kalscope_app.views.goal import MORE_FOLDER, GoalView
-from kalscope_app.views.help import FirstSteps, HelpView
+from kalscope_app.views.help import FirstSteps, add_help
 from kalscope_app.views.live import LiveView
 from kalscope_app.views.map import TuningMapView
 from kalscope_app.views.phone import PhonePictures
@@ -158,7 +158,7 @@ class Dashboard:
             self._view = ViewTab(gui, self.session)
             self._map.build_controls(gui)
         with tabs.add_tab("Help"):
-            HelpView(gui, steps)
+            add_help(gui, steps)
 
     def _build_tune(self, gui: viser.GuiApi) -> None:
         self._chain = ChainView(gui, self.session)
@@ -210,8 +210,7 @@ class Dashboard:
         """Draw parts of a frame, as one message batch. Runs on the engine's thread."""
         with self._server.atomic():
             if Part.FULL in parts or Part.SIGNAL in parts:
-                self._panels.set_theme(dark=frame.state.view.dark)
-                self._panels.set_map_shown(frame.state.view.map_shown)
+                self._panels.show(frame)
                 self._views.draw(self.signal.show, frame, thinned=Part.FULL not in parts)
             if Part.NUMBERS in parts:
                 self._show_numbers(frame)

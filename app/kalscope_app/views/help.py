@@ -63,11 +63,9 @@ KEYS = {
 """Keys and mouse actions, and what they do."""
 
 
-class HelpView:
-    """A card and a button."""
-
-    def __init__(self, gui: viser.GuiApi, steps: FirstSteps) -> None:
-        rows = "\n".join(f"| {what} | {does} |" for what, does in KEYS.items())
-        gui.add_markdown(f"| keys and mouse | what it does |\n|---|---|\n{rows}\n\nOn a Mac: Cmd for Ctrl.")
-        add_button(gui, STEPS_BUTTON, "In the Tune tab, above the goal.", lambda _client: steps.show())
-        gui.add_markdown("Point at a control to read what it does.")
+def add_help(gui: viser.GuiApi, steps: FirstSteps) -> None:
+    """The Help tab: a card and a button."""
+    rows = "\n".join(f"| {what} | {does} |" for what, does in KEYS.items())
+    gui.add_markdown(f"| keys and mouse | what it does |\n|---|---|\n{rows}\n\nOn a Mac: Cmd for Ctrl.")
+    add_button(gui, STEPS_BUTTON, "In the Tune tab, above the goal.", lambda _client: steps.show())
+    gui.add_markdown("Point at a control to read what it does.")

@@ -96,7 +96,11 @@ class LiveView:
         self._devices: dict[str, str] = {}
         self._chosen = ""
         with gui.add_folder("Live board"):
-            self._add_port(gui)
+            hint = "A board that is plugged in appears here automatically. An address may be typed here, too."
+            self._port = gui.add_dropdown("port", list[str]([TYPED]), hint=hint)
+            self._typed = gui.add_text("address", "", hint=ADDRESS_HINT)
+            hint = "Of a serial port, as in the sketch: Serial.begin()."
+            self._baud = gui.add_text("baud rate", "115200", hint=hint)
             hint = "Opens the port and shows what the board sends."
             self._connect = add_button(gui, "Connect", hint, self._on_connect)
             hint = "Frees the port, for the Arduino IDE or another program."
@@ -105,26 +109,17 @@ class LiveView:
             )
             self._status = gui.add_markdown("", visible=False)
             self._recording = RecordingView(gui, jobs, recording, open_spec)
-            self._add_options(gui)
+            with gui.add_folder("Advanced", expand_by_default=False):
+                hint = "DTR: most boards restart, and some send only then."
+                self._reset = gui.add_checkbox("reset the board on connecting", True, hint=hint)
+                hint = "The channel in which the board sends its own filtered value."
+                self._board = gui.add_dropdown("board's filtered channel", list[str]([NO_CURVE]), hint=hint)
+        on_user(self._port.on_update, lambda _client: self._choose_port())
         bind(self._board, session, lambda name: set_board_channel(None if name == NO_CURVE else name))
         self._list_ports()
         if connection.source is not None:
             self._name(connection.source.spec)
         jobs.when_idle(self._list_ports, PORTS_INTERVAL)
-
-    def _add_port(self, gui: viser.GuiApi) -> None:
-        hint = "A board that is plugged in appears here automatically. An address may be typed here, too."
-        self._port = gui.add_dropdown("port", list[str]([TYPED]), hint=hint)
-        self._typed = gui.add_text("address", "", hint=ADDRESS_HINT)
-        self._baud = gui.add_text("baud rate", "115200", hint="Of a serial port, as in the sketch: Serial.begin().")
-        on_user(self._port.on_update, lambda _client: self._choose_port())
-
-    def _add_options(self, gui: viser.GuiApi) -> None:
-        with gui.add_folder("Advanced", expand_by_default=False):
-            hint = "DTR: most boards restart, and some send only then."
-            self._reset = gui.add_checkbox("reset the board on connecting", True, hint=hint)
-            hint = "The channel in which the board sends its own filtered value."
-            self._board = gui.add_dropdown("board's filtered channel", list[str]([NO_CURVE]), hint=hint)
 
     def _choose_port(self) -> None:
         self._chosen = self._port.value

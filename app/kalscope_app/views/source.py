@@ -235,7 +235,7 @@ def experiment_label(experiment: Experiment) -> str:
     return f"{author}: {experiment.title.removeprefix('LIS302DL: ')}"
 
 
-# The source of the signal: a file, uploaded or by its path; the generator; and how the file was read.
+# The source of the signal: a file, uploaded or by its path; and how the file was read.
 
 
 Reader = Callable[..., Recording]
@@ -262,11 +262,8 @@ class SourceView:
         self._again: tuple[tuple[str, str], Reader] = (("", ""), open_source)
         with gui.add_folder("Your file") as self._own:
             with gui.add_form(None) as path_form:
-                self._path = gui.add_text(
-                    "path",
-                    path,
-                    hint="A log, a tuning file (.toml), a fleet's folder, or such as synthetic:step?sigma=0.2.",
-                )
+                hint = "A log, a tuning file (.toml), a fleet's folder, or such as synthetic:step?sigma=0.2."
+                self._path = gui.add_text("path", path, hint=hint)
             add_button(gui, "Open this path", "Or press Enter in the box.", self._open_path)
             self._reading = SlowJob(gui, "Stop reading; the current recording stays open.")
         self._described: Recording | None = None
@@ -288,25 +285,21 @@ class SourceView:
     def add_upload(self, client: viser.ClientHandle) -> None:
         """Give one browser its own upload button: a shared one would replay each upload to new browsers."""
         with self._building, self._own:  # two browsers may come at once, and viser enters a folder only once
+            hint = "A log or tuning file (.toml) of up to 64 MB; larger ones by their path."
             button = client.gui.add_upload_button(
-                "Upload a file …",
-                mime_type="*/*",
-                color=PRIMARY,
-                order=UPLOAD_ORDER,
-                hint="A log or tuning file (.toml) of up to 64 MB; larger ones by their path.",
+                "Upload a file …", mime_type="*/*", color=PRIMARY, order=UPLOAD_ORDER, hint=hint
             )
 
-        def take(_event: viser.GuiEvent[Any]) -> None:
-            upload = take_upload(button)
-            self._upload(upload.name, upload.content)
-
-        button.on_upload(take)
+        button.on_upload(lambda _event: self._upload(take_upload(button)))
 
     def _open_path(self, _client: viser.ClientHandle) -> None:
         self.open_spec(self._path.value.strip())
 
     def open_spec(self, spec: str) -> None:
         """Open what is named as on the command line; a tuning file or a fleet is added to what is open."""
+        self._jobs.run(partial(self._open, spec), Failed.OPEN)  # a file system may take long to answer
+
+    def _open(self, spec: str) -> None:
         name = Path(spec).name or spec
         if spec.lower().endswith(ENDING):
             self._load(name, partial(load_tuning, spec), lambda tuning: use_settings(tuning, name))
@@ -322,7 +315,8 @@ class SourceView:
         reader = partial(reopen, fleet.devices.ids[device], fleet.devices.sources[device], fleet.note)
         self._read(reader, fleet.devices.ids[device], fleet.note.reading, then=at_device(fleet, device))
 
-    def _upload(self, name: str, content: bytes) -> None:
+    def _upload(self, upload: viser.UploadedFile) -> None:
+        name, content = upload.name, upload.content
         if name.lower().endswith(ENDING):
             self._load(name, partial(uploaded_settings, name, content), lambda tuning: use_settings(tuning, name))
         else:

@@ -96,9 +96,8 @@ class Panels:
 
     def __init__(self, server: viser.ViserServer) -> None:
         self._server = server
-        self._dark: bool | None = None
         self._map_shown = False
-        self.set_theme(dark=False)
+        self._set_theme(dark=False)
         server.scene.configure_default_lights(False, cast_shadow=False)  # only phones see it: a flat picture
         server.gui.main_panel.dock_left()
         server.gui.main_panel.set_width(LEFT_WIDTH)
@@ -108,10 +107,17 @@ class Panels:
         self.right.set_width(RIGHT_WIDTH_WITHOUT_MAP)
         self.right.expand()
 
-    def set_theme(self, *, dark: bool) -> None:
-        """Light or dark; every call must name all options, or viser takes its own defaults again."""
-        if dark == self._dark:
-            return
+    def show(self, frame: Frame) -> None:
+        """Follow the theme of the frame, and leave space for the map or give it to the charts."""
+        view = frame.state.view
+        if view.dark != self._dark:
+            self._set_theme(dark=view.dark)
+        if view.map_shown != self._map_shown:
+            self._map_shown = view.map_shown
+            self.right.set_width(RIGHT_WIDTH if view.map_shown else RIGHT_WIDTH_WITHOUT_MAP)
+
+    def _set_theme(self, *, dark: bool) -> None:
+        """Every call must name all options, or viser takes its own defaults again."""
         self._dark = dark
         self._server.gui.configure_theme(
             dark_mode=dark,
@@ -119,12 +125,6 @@ class Panels:
             show_share_button=False,
             brand_color=(86, 180, 233) if dark else (0, 114, 178),
         )
-
-    def set_map_shown(self, shown: bool) -> None:
-        """Leave space for the map, or give it to the charts."""
-        if shown != self._map_shown:
-            self._map_shown = shown
-            self.right.set_width(RIGHT_WIDTH if shown else RIGHT_WIDTH_WITHOUT_MAP)
 
 
 # Sentences that appear over the screen: what was done, what was refused, what went wrong.
@@ -381,11 +381,8 @@ class Commands:
         self._commands: list[tuple[Any, viser.CommandHandle]] = []
         taken = {*WITHOUT, *commands_of(gui)}
         for widget in widgets_of(gui):
-            names: Iterable[str] = ()
-            if isinstance(widget, viser.GuiButtonGroupHandle):
-                names = widget.options
-            elif isinstance(widget, viser.GuiCheckboxHandle | viser.GuiButtonHandle):
-                names = (widget.label,)
+            single = (widget.label,) if isinstance(widget, viser.GuiCheckboxHandle | viser.GuiButtonHandle) else ()
+            names = widget.options if isinstance(widget, viser.GuiButtonGroupHandle) else single
             for name in names:
                 if name not in taken:
                     self._add(gui, name, widget)
