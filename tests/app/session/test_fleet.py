@@ -101,17 +101,16 @@ def test_a_text_to_find_is_one_short_line(state):
 RANGES = (-6, 2), (-4, 2)
 
 
-def fleet_of(q, r, odd=(), growth=None, verdicts=None, shared=(0.01, 1.0), names=None):
+def fleet_of(q, r, odd=(), growth=None, names=None):
     """A fleet with these arrays; `odd` are unlike the others."""
     n = len(q)
     unlike = np.zeros(n, dtype=bool)
     unlike[list(odd)] = True
-    devices = devices_with(names or [f"dev{i:06d}.csv" for i in range(n)], q, r, verdicts=verdicts or ["ok"] * n)
+    devices = devices_with(names or [f"dev{i:06d}.csv" for i in range(n)], q, r, verdicts=["ok"] * n)
     zeros = np.zeros(n)
     losses = Losses(zeros, zeros, zeros if growth is None else np.asarray(growth, float))
-    one = None if shared is None else Shared(FilterParams(*shared), (0.009, 0.011), "pooled", losses)
-    note = RunNote(ReadOptions(), None)
-    fleet = Fleet(Path("fleet"), devices, one, "", note)
+    shared = Shared(FilterParams(0.01, 1.0), (0.009, 0.011), "pooled", losses)
+    fleet = Fleet(Path("fleet"), devices, shared, "", RunNote(ReadOptions(), None))
     vars(fleet).update(distance=np.where(unlike, 9.0, 1.0), outlier=unlike)  # in place of those of the arrays
     return fleet
 

@@ -61,7 +61,7 @@ def test_what_differs_on_a_device_is_told_of_what_is_chosen(state):
 
 def test_one_file_is_sent_as_it_is_and_several_as_a_zip(state):
     assert packed("json", {"a.json": "{}"}) == ("a.json", b"{}")
-    files = files_of(state, Choice(), vectors=True)
+    files = files_of(state, Choice())
     name, content = packed("arduino", files)
     with zipfile.ZipFile(io.BytesIO(content)) as archive:
         found = {one: archive.read(one).decode() for one in archive.namelist()}
@@ -74,9 +74,9 @@ def test_the_lag_at_the_period_of_the_device_is_shown(state):
     request = Request(target={"lag_s": 0.05}, noise=Noise(r=state.tuning.r))
     answer = find_parameters(state.z, request, sample_period=state.recording.sample_period)
     found = apply_found(state.recording, state.channel, answer)(state)
-    assert device_notes(found, Choice()) == "Lag **50 ms** at 5 ms per sample, as recorded."
+    assert device_notes(found, Choice()) == "Lag **50 ms** at 5 ms per sample."
     slower = device_notes(found, Choice("c", period="0.01"))
-    assert re.fullmatch(r"Lag \*\*(6\d|7\d)[.\d]* ms\*\* at 10 ms per sample; 50 ms as recorded\.", slower)
+    assert re.fullmatch(r"Lag \*\*(6\d|7\d)[.\d]* ms\*\* at 10 ms per sample\.", slower)
     untimed = state.with_open(recording=replace(state.recording, sample_period=None))
     assert device_notes(untimed) == ""
     for one in (

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from kalscope import BadSetting, FilterParams, Recording, estimate, steady_state
-from kalscope.cli.tune_options import TuneOptions
 from kalscope.common.text import percent
 from kalscope.estimation.request import FitResult, find_parameters, proposed_lag
 from kalscope_app.session.changes import apply_found, select_channel, set_text
@@ -57,21 +56,6 @@ def test_a_goal_is_met_exactly_and_r_comes_from_the_recording(state, way, text, 
     assert getattr(steady_state(found.params, 0.01), field) == pytest.approx(value)
     assert found.params.r == estimate(state.z, momentum=0.0).r
     assert search(state.with_tuning(r=7.0), way, text).params == found.params  # whatever was there before
-
-
-COMMANDS = {
-    "maximum lag": ("--lag-ms", "50"),
-    "cut-off frequency": ("--cutoff-hz", "2"),
-    "noise reduction": ("--noise-reduction-db", "12"),
-    "gain K": ("--gain", "0.1"),
-}
-
-
-@pytest.mark.parametrize("way", COMMANDS)
-def test_the_dashboard_and_the_command_line_ask_for_the_same(state, way):
-    option, text = COMMANDS[way]
-    options = TuneOptions(**{option.removeprefix("--").replace("-", "_"): float(text)})
-    assert method_of(state.with_view(search_method=way)).request(state, [text]) == options.request(state.recording)
 
 
 def test_what_is_known_about_the_noise_holds_for_the_next_goal(state):
