@@ -48,7 +48,7 @@ from kalscope.sources.grammar.read_options import DEFAULTS
 state = first_state("demo", DEFAULTS, None)
 compute_frame(state, 0, choose_samples(state.recording, state.channel, None))
 print(*sys.modules)
-from kalscope_app.commands import run
+from kalscope.cli.app import run
 run(["filter", "sample:nile", "--q", "1469", "--r", "15100"])
 print(*sys.modules)
 """

@@ -31,11 +31,11 @@ from kalscope_app.studies.tuning_map import compute_map
 from kalscope_app.views.board import BoardView, compared
 from kalscope_app.views.chart_tabs import AllanView, AlternativesView, ChannelsView, SpectrumView
 from kalscope_app.views.checks import ChecksView, VerdictView
-from kalscope_app.views.export import CodeView, CommandLineView, ReportView, TuningFileView, device_notes
+from kalscope_app.views.export import CodeView, CommandLineView, add_downloads, device_notes
 from kalscope_app.views.fleet import FleetTab
 from kalscope_app.views.fusion import FusionView
 from kalscope_app.views.goal import MORE_FOLDER, CostsView, GoalView
-from kalscope_app.views.help import FirstSteps, HelpView
+from kalscope_app.views.help import FirstSteps, add_help
 from kalscope_app.views.live import LiveView
 from kalscope_app.views.map import TuningMapView
 from kalscope_app.views.phone import PhonePictures
@@ -61,7 +61,7 @@ class Dashboard:
         Args:
             server: the guarded server.
             state: what to show first; `start` connects its live board.
-            folder: the folder that exports and recordings stay in.
+            folder: the folder that recordings stay in.
             log_file: the log, named in notifications.
         """
         self._server, self.notifications = server, Notifications(server, log_file)
@@ -105,7 +105,7 @@ class Dashboard:
         ]
         self.engine = Engine(self.session, self.show, tell, Studies(rounds), self._fail)
         server.on_client_connect(self._on_connect)
-        server.on_client_disconnect(self._on_disconnect)
+        server.on_client_disconnect(self._phones.detach)
 
     def _build(self, folder: Path) -> None:
         """All widgets, from top to bottom; the command palette last."""
@@ -148,16 +148,15 @@ class Dashboard:
             self._source.build_rest(gui)
             self._map.on_device = self._source.open_device
         with tabs.add_tab("Export"):
-            self._code = CodeView(gui, self.session, self._jobs, self.notifications.tell, folder)
+            self._code = CodeView(gui, self.session, self._jobs)
             self._board = BoardView(gui, self.session, self._jobs, self.notifications.tell, self._connection)
-            self._tuning_file = TuningFileView(gui, self.session, self._jobs, self.notifications.tell, folder)
-            ReportView(gui, self.session, self._jobs)
+            add_downloads(gui, self.session, self._jobs)
             self._command_line = CommandLineView(gui)
         with tabs.add_tab("View"):
             self._view = ViewTab(gui, self.session)
             self._map.build_controls(gui)
         with tabs.add_tab("Help"):
-            HelpView(gui, steps)
+            add_help(gui, steps)
 
     def _build_tune(self, gui: viser.GuiApi) -> None:
         self._chain = ChainView(gui, self.session)
@@ -211,8 +210,7 @@ class Dashboard:
         """Draw parts of a frame, as one message batch. Runs on the engine's thread."""
         with self._server.atomic():
             if Part.FULL in parts or Part.SIGNAL in parts:
-                self._panels.set_theme(dark=frame.state.view.dark)
-                self._panels.set_map_shown(frame.state.view.map_shown)
+                self._panels.show(frame)
                 self._views.draw(self.signal.show, frame, thinned=Part.FULL not in parts)
             if Part.NUMBERS in parts:
                 self._show_numbers(frame)
@@ -281,15 +279,10 @@ class Dashboard:
     def _on_connect(self, client: viser.ClientHandle) -> None:
         """A new browser: its own upload button, its picture if it is on a phone, and what it missed."""
         self._source.add_upload(client)
-        self._tuning_file.add_upload(client)
         self._phones.attach(client)
         self.notifications.attach(client)
         if client.client_id not in self._server.get_clients():  # gone already: both run in a pool, in any order
-            self._on_disconnect(client)
-
-    def _on_disconnect(self, client: viser.ClientHandle) -> None:
-        self._phones.detach(client)
-        self.notifications.forget(client)
+            self._phones.detach(client)
 
 
 def only_grown(last: Frame, frame: Frame) -> bool:

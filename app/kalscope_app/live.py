@@ -68,10 +68,10 @@ class BoardConnection:
             raise BadSetting("no board is connected: connect one in the Source tab first")
         return source
 
-    def open(self, session: Session, port: PortSpec, *, reconnect: bool) -> None:
+    def open(self, session: Session, port: PortSpec) -> None:
         """Connect another board and show it; waits for the port, so run it as a job."""
         self.close()
-        source = LiveSource(port, reconnect=reconnect)
+        source = LiveSource(port)
         source.start()
         with self._lock:
             self._connected = self._awaited = source

@@ -102,16 +102,16 @@ def raising(what=None):
         raise LookupError(f"no such {what or threading.current_thread().name}")
     return act
 
-export.TuningFileView._ask_to_save = raising("save")  # on the loop
+export.CodeView._preview = raising("files")  # on the loop
 source.SourceView._upload = raising("upload")  # in the pool
 export.filtered_csv_chunks = raising()  # in a job
-export.CodeView._save = lambda *_: threading.Thread(target=raising(), name="reader").start()
+export.CodeView._send = lambda *_: threading.Thread(target=raising(), name="reader").start()
 map.TuningMapView._on_pointed = raising("point")
 """
 BUTTONS = {
-    "Save tuning file": "no such save",
+    "Preview code": "no such files",
     "Download filtered CSV": "no such kalscope-jobs",
-    "Save to the folder": "no such reader",
+    "Download code": "no such reader",
 }
 
 
@@ -155,9 +155,9 @@ def test_with_a_client_and_a_job_the_end_leaves_nothing_behind(tmp_path):
     with running(tmp_path) as (program, url):
         port = port_of(url)
         with Guest(port, token_of(url)) as guest:
-            guest.read_until(lambda: "Generate" in labels(guest))
-            guest.set(guest.find("numbers"), "n=8000000")
-            guest.set(guest.find("Generate"), True)
+            guest.read_until(lambda: "Open this path" in labels(guest))
+            guest.set(guest.find("path"), "synthetic:sine?n=8000000")
+            guest.set(guest.find("Open this path"), True)
             children = wait_until(lambda: children_of(program.pid), "the process that reads")
             code, out, err = end(program, signal.SIGINT)
     assert (code, out, err) == (0, "", "")

@@ -72,15 +72,9 @@ DECADES = {"q": (-8, 3), "r": (-5, 4), "p0": (-6, 6)}
 """Range of each slider, in decades around the starting r of the channel."""
 
 
-def slider_limits(state: State, name: str, sensor: str = "") -> tuple[int, int]:
-    """Lowest and highest exponent of a slider: around the signal's own noise, wider if the value is outside.
-
-    With `sensor` it is the slider of the r of that sensor.
-    """
+def slider_limits(state: State, name: str) -> tuple[int, int]:
+    """Lowest and highest exponent of a slider: around the signal's own noise, wider if the value is outside."""
     noise, value = state.start.r, getattr(state.tuning, name)
-    if sensor:
-        fusion, at = _fusion_of(state, sensor)
-        noise, value = fusion.start.r[at], fusion.tuning.r[at]
     centre = round(math.log10(noise)) if noise > 0.0 else 0
     low, high = (centre + end for end in DECADES[name])
     if value:
@@ -89,13 +83,12 @@ def slider_limits(state: State, name: str, sensor: str = "") -> tuple[int, int]:
 
 
 @requested
-def set_exponent(state: State, name: str, exponent: float, sensor: str = "") -> State:
-    """A slider was moved: q, r or p0, or r of a sensor, becomes 10^exponent; moving p0 means a start by value."""
+def set_exponent(state: State, name: str, exponent: float) -> State:
+    """A slider was moved: q, r or p0 becomes 10^exponent; moving p0 means a start by value."""
     if not math.isfinite(exponent):
         return state
-    low, high = slider_limits(state, name, sensor)
-    value = _rounded(10.0 ** min(max(exponent, low), high))
-    return set_sensor_text(sensor, name, str(value))(state) if sensor else _by_hand(state, name, value)
+    low, high = slider_limits(state, name)
+    return _by_hand(state, name, _rounded(10.0 ** min(max(exponent, low), high)))
 
 
 @requested
@@ -442,25 +435,21 @@ def _set_fleet(state: State, name: str, kept: Callable[[Any], Any], value: Any) 
 
 find_devices = partial(_set_fleet, "find", lambda text: one_line(str(text))[:200].strip())
 """List the devices whose names contain a text."""
-set_at_shared = partial(_set_fleet, "at_shared", bool)
-"""Open devices at the filter for all, or each at its own."""
 
 
 @requested
 def at_device(state: State, fleet: Fleet, i: int) -> State:
-    """Set the recording of a device, which has just been opened, to its own filter or to that for all.
+    """Set the recording of a device, which has just been opened, to its own filter.
 
     A device without q and r keeps its starting values; the note says why.
     """
     from kalscope.fleet.results import device_tuning
 
     name = one_line(fleet.devices.name(i))[:80]
-    shared = fleet.shared is not None and state.fleet is not None and state.fleet.at_shared
-    if not shared and fleet.devices.reasons[i]:
+    if fleet.devices.reasons[i]:
         return replace(state, note=f"{name} has no q and r: {one_line(fleet.devices.reasons[i])[:200]}.")
-    after = adapted(state, device_tuning(fleet, i, shared=shared))
-    which = "the filter for all" if shared else "its own filter"
-    return replace(after, note=f"{name} at {which}. {after.note}".strip())
+    after = adapted(state, device_tuning(fleet, i))
+    return replace(after, note=f"{name} at its own filter. {after.note}".strip())
 
 
 # Changes of the pinned settings.

@@ -95,15 +95,12 @@ def _within_limits(past: tuple[State, ...]) -> tuple[State, ...]:
 class Failed(StrEnum):
     """What failed: the heading of a refusal, given where the request is filed or the job is started."""
 
-    OPEN = "Cannot open file"
-    FLEET = "Cannot open fleet"
+    OPEN = "Cannot open"
     CONNECT = "Cannot open port"
     RECORD = "Cannot record"
     NUMBER = "Not a valid number"
     FIND = "Cannot find q and r"
     FUSE = "Cannot fuse sensors"
-    GENERATE = "Cannot generate signal"
-    REPRODUCE = "Cannot compute page"
     SAVE = "Cannot save"
     EXPORT = "Cannot export"
     SEND = "Cannot send to the board"

@@ -282,8 +282,6 @@ class OpenFleet:
     """Its arrays."""
     order: str = next(iter(ORDERS))
     """How its devices are sorted, one of ORDERS."""
-    at_shared: bool = False
-    """Whether a device is opened at the filter for all; else at its own."""
     find: str = ""
     """What the names of the devices in the table contain, in any letter case; "" = all."""
 

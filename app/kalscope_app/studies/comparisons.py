@@ -202,11 +202,6 @@ class VariantComparison:
     """One per setting; empty where the Khan et al. filter runs and nothing is pinned."""
 
     @property
-    def with_momentum(self) -> bool:
-        """Whether a setting has momentum."""
-        return any(row.tuning.momentum for row in self.rows)
-
-    @property
     def with_chain(self) -> bool:
         """Whether a setting is a chain of filters."""
         return any(row.tuning.chain for row in self.rows)

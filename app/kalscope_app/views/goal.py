@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import threading
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
@@ -24,7 +23,7 @@ from kalscope_app.session.changes import apply_found, momentum_words, set_search
 from kalscope_app.session.session import Failed, Session
 from kalscope_app.session.state import Outcome, State
 from kalscope_app.views.charts import DARK, LIGHT, Chart, dots, line, time_scale_for
-from kalscope_app.views.widgets import SlowJobProgress, bind, noise_left, on_user, put, typed
+from kalscope_app.views.widgets import SlowJob, bind, noise_left, on_user, put, typed
 from kalscope_app.views.window import LAG_NUMBER, PRIMARY
 
 # The ways to find q and r that the dashboard offers: what each asks the user for, and the search it requests.
@@ -265,7 +264,6 @@ class GoalView:
     def __init__(self, gui: viser.GuiApi, session: Session, jobs: Jobs) -> None:
         self._session, self._jobs = session, jobs
         self._shown: tuple[object, ...] = ()
-        self._stop = threading.Event()
         with gui.add_form(None) as self._form:
             self._goal = gui.add_dropdown("goal", (*GOALS, MORE), hint=HINT)
             self._method = gui.add_dropdown(
@@ -277,15 +275,13 @@ class GoalView:
             self._settings = gui.add_button_group(
                 "smoothing", tuple(SETTINGS), visible=False, hint="Takes this setting; Undo reverts it."
             )
-            self._progress = gui.add_progress_bar(0.0, visible=False)
-            self._cancel = gui.add_button("Cancel", visible=False, hint="Stop the search and change nothing.")
+            self._running = SlowJob(gui, "Stop the search and change nothing.")
             self._answer = gui.add_markdown("", visible=False)
         bind(self._goal, session, lambda goal: set_search_method(_method_for(goal), SEARCH_METHODS))
         bind(self._method, session, lambda method: set_search_method(method, SEARCH_METHODS))
         on_user(self._form.on_submit, lambda _client: self._find_and_apply())
         on_user(self._apply.on_click, lambda _client: self._find_and_apply())
         on_user(self._settings.on_click, lambda _client: self._take_setting(self._settings.value))
-        on_user(self._cancel.on_click, lambda _client: self._stop.set())
         for goal in GOALS:  # so that the palette finds them by their words
             command = gui.add_command(f"Goal: {goal}", description=HINT)
             change = set_search_method(goal, SEARCH_METHODS)
@@ -309,23 +305,20 @@ class GoalView:
 
     def search(self, request: Callable[[State], Request | None]) -> None:
         """Run a search on the state with every earlier request applied; its result is one undoable change."""
-        stop = self._stop = threading.Event()
-        self._jobs.run_with_state(
-            self._session, lambda state: self._search(state, request(state), stop), Failed.FIND
-        )
+        self._jobs.run_with_state(self._session, lambda state: self._search(state, request(state)), Failed.FIND)
 
-    def _search(self, state: State, request: Request | None, stop: threading.Event) -> None:
+    def _search(self, state: State, request: Request | None) -> None:
         if request is None:
             return
         z, period = state.recording.channel(state.channel), state.recording.sample_period
-        with SlowJobProgress(self._progress, self._cancel) as shown:
+        with self._running as running:
             found = find_parameters(
                 z,
                 request,
                 dt=state.dt,
                 sample_period=period,
-                progress=shown.report,
-                cancelled=stop.is_set,
+                progress=running.report,
+                cancelled=running.is_cancelled,
             )
         self._session.request(apply_found(state.recording, state.channel, found))
 

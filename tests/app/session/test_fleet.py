@@ -21,7 +21,6 @@ from kalscope_app.session.changes import (
     close_fleet,
     find_devices,
     open_fleet,
-    set_at_shared,
     set_fleet_order,
     set_text,
 )
@@ -51,26 +50,15 @@ def at(fleet, state, i):
 
 
 @pytest.mark.slow
-def test_a_fleet_opens_with_the_map_and_closes(fleet, state):
-    assert state.fleet.fleet is fleet
+def test_a_fleet_opens_with_the_map_and_a_device_at_its_own_filter(fleet, state):
     assert state.view.map_shown
     assert close_fleet(state).fleet is None
-
-
-@pytest.mark.slow
-def test_a_device_opens_at_its_own_filter_or_at_the_one_for_all(fleet, state):
     own = at(fleet, state, NOISY)
     assert (own.tuning.q, own.tuning.r) == (fleet.devices.q[NOISY], fleet.devices.r[NOISY])
     assert own.fleet is state.fleet
     assert own.recording.title == "dev03.csv"
     assert "its own filter" in own.note
-    shared = at(fleet, set_at_shared(True)(state), NOISY)
-    assert (shared.tuning.q, shared.tuning.r) == (fleet.shared.params.q, fleet.shared.params.r)
-    assert "the filter for all" in shared.note
 
-
-@pytest.mark.slow
-def test_a_device_without_q_and_r_says_why(fleet, state):
     empty = fleet.devices.ids.index("empty.csv")
     after = at_device(fleet, empty)(opened(open_source("demo"), state))
     assert "no q and r" in after.note
@@ -92,19 +80,13 @@ def test_undo_goes_back_to_the_recording_and_keeps_the_fleet(fleet, state):
     assert back.fleet.fleet is fleet
 
 
-def test_what_a_browser_cannot_choose_is_refused():
+def test_every_order_lists_devices_once_and_no_other_is_taken(fleet):
+    rows = {order: ranked(fleet).tolist() for order, ranked in ORDERS.items()}
+    assert all(len(set(one)) == len(one) > 0 for one in rows.values())
+    assert rows["largest r"][0] == NOISY
+    assert [fleet.devices.ids[i] for i in rows["without q and r"]] == ["empty.csv"]
     with pytest.raises(BadSetting):
         set_fleet_order("by heart")
-
-
-@pytest.mark.parametrize("order", ORDERS)
-def test_every_order_lists_devices_once(fleet, order):
-    rows = ORDERS[order](fleet).tolist()
-    assert len(set(rows)) == len(rows) > 0
-    if "largest r" in order:
-        assert rows[0] == NOISY
-    if order == "without q and r":
-        assert [fleet.devices.ids[i] for i in rows] == ["empty.csv"]
 
 
 @pytest.mark.slow
@@ -120,24 +102,18 @@ def test_a_text_to_find_is_one_short_line(state):
 RANGES = (-6, 2), (-4, 2)
 
 
-def fleet_of(q, r, odd=(), growth=None, verdicts=None, shared=(0.01, 1.0), names=None):
+def fleet_of(q, r, odd=(), growth=None, names=None):
     """A fleet with these arrays; `odd` are unlike the others."""
     n = len(q)
     unlike = np.zeros(n, dtype=bool)
     unlike[list(odd)] = True
-    devices = devices_with(names or [f"dev{i:06d}.csv" for i in range(n)], q, r, verdicts=verdicts or ["ok"] * n)
+    devices = devices_with(names or [f"dev{i:06d}.csv" for i in range(n)], q, r, verdicts=["ok"] * n)
     zeros = np.zeros(n)
     losses = Losses(zeros, zeros, zeros if growth is None else np.asarray(growth, float))
-    one = None if shared is None else Shared(FilterParams(*shared), (0.009, 0.011), "pooled", losses)
-    note = RunNote(ReadOptions(), None)
-    fleet = Fleet(Path("fleet"), devices, one, "", note)
+    shared = Shared(FilterParams(0.01, 1.0), (0.009, 0.011), "pooled", losses)
+    fleet = Fleet(Path("fleet"), devices, shared, "", RunNote(ReadOptions(), None))
     vars(fleet).update(distance=np.where(unlike, 9.0, 1.0), outlier=unlike)  # in place of those of the arrays
     return fleet
-
-
-def large(n=100_000):
-    g = np.random.default_rng(0)
-    return fleet_of(0.01 * np.exp(0.3 * g.normal(size=n)), np.exp(0.3 * g.normal(size=n)), odd=range(40))
 
 
 def test_a_small_fleet_is_points_at_their_q_and_r():
@@ -148,35 +124,27 @@ def test_a_small_fleet_is_points_at_their_q_and_r():
         (2, [0.0, -2.0]),
     ]
     assert layer.shared == pytest.approx((-2.0, 0.0))
+    frame = MapFrame(*RANGES)
+    x, y = frame.pixel((0.0, -2.0))
+    assert layer.nearest(frame, (x + 5, y - 5)) == 2
+    assert layer.nearest(frame, (x + 12, y)) is None
 
 
 def test_the_outliers_of_a_large_fleet_are_drawn_last_and_can_be_clicked():
-    fleet = large()
-    layer, frame = fleet_layer(OpenFleet(fleet), *RANGES), MapFrame(*RANGES)
+    q, r = np.exp(0.3 * np.random.default_rng(0).normal(size=(2, 100_000)))
+    layer = fleet_layer(OpenFleet(fleet_of(0.01 * q, r, odd=range(40))), *RANGES)
     assert sorted(layer.devices[-40:].tolist()) == list(range(40))
+    frame = MapFrame(*RANGES)
     for device, point in zip(layer.devices[-3:], layer.points[-3:], strict=True):
         assert layer.nearest(frame, frame.pixel(point)) == device
 
 
-def test_a_click_takes_the_nearest_point_and_none_from_afar():
-    frame = MapFrame(*RANGES)
-    layer = fleet_layer(OpenFleet(fleet_of([0.01, 1.0], [1.0, 1.0])), *RANGES)
-    x, y = frame.pixel((0.0, 0.0))
-    assert layer.nearest(frame, (x + 5, y - 5)) == 1
-    assert layer.nearest(frame, (x + 12, y)) is None
-    nothing = fleet_layer(OpenFleet(fleet_of([np.nan], [np.nan])), *RANGES)
-    assert nothing.nearest(frame, (x, y)) is None
-
-
-def map_of(fleet):
-    state = open_fleet(fleet)(opened(synthesize("random_walk", n=1000, seed=1)))
-    shown = compute_map(state, Cache())
-    return state, shown, shown.frame
-
-
 @pytest.mark.parametrize("dark", [False, True])
 def test_the_picture_has_a_point_in_its_colour_where_the_device_is(dark):
-    state, shown, frame = map_of(fleet_of([1e-4, 0.3], [0.1, 0.1], growth=[0.0, 0.5]))
+    two = fleet_of([1e-4, 0.3], [0.1, 0.1], growth=[0.0, 0.5])
+    state = open_fleet(two)(opened(synthesize("random_walk", n=1000, seed=1)))
+    shown = compute_map(state, Cache())
+    frame = shown.frame
     picture = draw_map_picture(state.with_view(dark=dark), shown)
     palette = DARK if dark else LIGHT
     for (q, r), kind in ((-4.0, -1.0), 0), ((np.log10(0.3), -1.0), 2):

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from kalscope import open_source
+from kalscope.cli.app import app
 from kalscope.sources.grammar.read_options import options_from_text
-from kalscope_app import commands as program
+from kalscope_app.main import add_dashboard
 from kalscope_app.session import changes
 from kalscope_app.session.changes import select_channel, set_sample_period, set_text, share_line
 from kalscope_app.session.opening import opened, opened_experiment
@@ -32,10 +33,11 @@ def reopen(monkeypatch):
             raise Stopped
 
         monkeypatch.setattr("kalscope_app.open_command.serve", caught)
+        add_dashboard()
         words = shlex.split(line)
         assert words[:2] == ["kalscope", "open"]
         with pytest.raises(Stopped):
-            program.app([*words[1:], "--port", "0", "--no-browser"], standalone_mode=False)
+            app([*words[1:], "--port", "0", "--no-browser"], standalone_mode=False)
         return seen[0]
 
     return run

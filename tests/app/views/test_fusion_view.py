@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import threading
 from functools import partial
 
 import numpy as np
@@ -75,23 +74,23 @@ def test_a_row_follows_its_sensor_and_one_that_drops_out_keeps_its_tick_box_alon
     bench, _, door = view._rows[:3]
     share = f"bench: share {100 * state.fusion.shares['bench']:.0f} %"
     assert bench._tick.label == share
-    assert door._r.slider.visible
+    assert door._boxes["r"]._text.visible
     view.show(frame_of(set_taking_part("door", False)(state)))
-    assert (door.ticked, door._tick.visible, door._r.slider.visible) == (False, True, False)
+    assert (door.ticked, door._tick.visible, door._boxes["r"]._text.visible) == (False, True, False)
     assert bench._tick.label != share
     assert door._tick.label == "door"
 
 
-def test_the_job_fits_the_ticked_sensors_by_a_reference_and_can_be_cancelled(view):
-    single, stop = opened(greenhouse(n=200)), threading.Event()
+def test_the_job_fits_the_ticked_sensors_by_a_reference_and_can_be_cancelled(view, monkeypatch):
+    single = opened(greenhouse(n=200))
     session = view._session = Session(single)
-    view._search(single, ("bench", "roof"), "roof", stop)
+    view._search(single, ("bench", "roof"), "roof")
     fusion = session.apply_requests()[0].fusion
     assert fusion.tuning.sensors == ("bench", "roof")
     assert fusion.tuning.offset[1] == 0.0
-    stop.set()
+    monkeypatch.setattr(view._running, "is_cancelled", lambda: True)
     with pytest.raises(Cancelled):
-        view._search(single, ("bench", "roof"), None, stop)
+        view._search(single, ("bench", "roof"), None)
 
 
 @pytest.mark.slow
@@ -107,15 +106,12 @@ def test_the_verdict_names_the_sensor_that_drifts_and_is_good_without_it(state):
     assert "door drifts" in bad.findings[0].text
     assert judge(set_taking_part("door", False)(drifting)).judgement.tone == "good"
     assert judge(select_channel("roof")(drifting)) is None
-    alike = greenhouse()
+    alike, silent = greenhouse(), greenhouse()
     alike.values[:, 1:3] += np.random.default_rng(3).normal(0.0, 0.5, (800, 1))
-    shared = judge(fused(alike)).judgement
-    assert (shared.word, shared.tone) == ("sensors share noise", "bad")
-    assert "roof and door share noise (correlation 0.8" in shared.headline
-    silent = greenhouse()
     silent.values[300:500, 1] = np.nan
-    quiet = judge(fused(silent)).judgement
-    assert (quiet.word, quiet.tone) == ("roof sent no data", "note")
+    for readings, word, tone in (alike, "sensors share noise", "bad"), (silent, "roof sent no data", "note"):
+        judged = judge(fused(readings)).judgement
+        assert (judged.word, judged.tone) == (word, tone)
 
 
 def test_code_and_csv_are_those_of_the_fused_sensors(state):
@@ -131,15 +127,12 @@ def test_code_and_csv_are_those_of_the_fused_sensors(state):
     assert "humidity" not in csv(without).decode()
 
 
-def test_what_belongs_to_one_channel_is_refused_in_words(state):
+def test_what_belongs_to_one_channel_is_refused_in_words_and_not_called_current(state):
     with pytest.raises(BadSetting, match="one channel"):
         pin_present(state)
     with pytest.raises(BadSetting, match="fused sensors"):
         send_setting(state, None)
     assert "one channel" in compute_map(state, Cache()).note
     assert any("tuning file" in remark for remark in share_line(state).remarks)
-
-
-def test_the_tabs_about_one_channel_do_not_speak_of_a_current_one(state):
     assert table_text(compute_variants(state, Cache())) == FOR_ONE_CHANNEL
     assert "current channel" not in lead_of(compute_overview(state, Cache()))

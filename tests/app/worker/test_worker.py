@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from forked import Forked
+from viser import UploadedFile
 from waiting import PATIENCE, wait_until
 
 from kalscope.catalogue import open_source
@@ -199,7 +200,7 @@ def test_the_source_tab_reads_in_the_worker(tmp_path, monkeypatch):
 
         source.open_spec(str(log))
         wait_until(lambda: title() == "log.csv", "the recording")
-        source._upload("up/load.csv", log.read_bytes())
+        source._upload(UploadedFile("load.csv", log.read_bytes()))
         wait_until(lambda: title() == "load.csv", "the upload")
         source.open_spec("nowhere.csv")
         wait_until(lambda: told, "the refusal")
