@@ -273,7 +273,7 @@ def _text(value: Any) -> str:
     return value.strip() if isinstance(value, str) else ""
 
 
-# MATLAB files: up to version 7.2 by SciPy, version 7.3, which is HDF5, by h5py. Nothing in them is ever run.
+# MATLAB files: version 5 to 7.2 by SciPy, version 7.3, which is HDF5, by h5py. Nothing in them is ever run.
 
 
 _COMPRESSED = 15
@@ -313,8 +313,6 @@ def _count_unpacked(path: Path, progress: Progress) -> None:
     """Count what the compressed variables of a file of version 5 unpack to."""
     with path.open("rb") as file:
         head = file.read(128)
-        if 0 in head[:4]:  # version 4 compresses nothing
-            return
         order = "<" if head[126:128] == b"IM" else ">"
         while len(tag := file.read(8)) == 8:
             kind, size = struct.unpack(f"{order}II", tag)

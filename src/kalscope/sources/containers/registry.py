@@ -47,13 +47,6 @@ def _begins(*magic: bytes) -> Recogniser:
     return lambda head, _: head.startswith(magic)
 
 
-def _is_mat(head: bytes, name: str) -> bool:
-    """Version 4 has no magic number: its name decides."""
-    return head.startswith((b"MATLAB 5.0 MAT-file", b"MATLAB 7.3 MAT-file")) or (
-        name.endswith(".mat") and not head.startswith((b"\x89HDF", b"PK", b"\x1f\x8b")) and b"\0" in head[:20]
-    )
-
-
 def _is_excel(head: bytes, name: str) -> bool:
     """For a zip archive the names in its head decide, or its own name."""
     return head.startswith(OLD_EXCEL) or (
@@ -101,7 +94,7 @@ _CONTAINERS = (
     ),
     Container("a TDMS file", _begins(b"TDSm"), "arrays.read_tdms"),
     Container("an HDF5 file", _begins(b"\x89HDF\r\n\x1a\n"), "arrays.read_hdf5"),
-    Container("a MATLAB file", _is_mat, "arrays.read_mat"),
+    Container("a MATLAB file", _begins(b"MATLAB 5.0 MAT-file", b"MATLAB 7.3 MAT-file"), "arrays.read_mat"),
     Container("an MCAP log", _begins(b"\x89MCAP0\r\n"), "robotics.read_mcap"),
     Container("a ROS 1 bag", _begins(b"#ROSBAG V2"), "robotics.read_ros1"),
     Container("a ROS 2 bag", _begins(b"SQLite format 3\0"), "robotics.read_ros2"),
