@@ -31,8 +31,6 @@ class PortInfo:
     """What the system calls it; "" where it gives no description."""
     serial_number: str
     """USB serial number, by which a board is found again under another name; "" where there is none."""
-    manufacturer: str = ""
-    """Maker of the USB chip or board; "" where unknown."""
     usb: tuple[int, int] | None = None
     """USB numbers of maker and product; None where it is not a USB port."""
 
@@ -45,7 +43,7 @@ def list_ports() -> tuple[PortInfo, ...]:
 
 
 def _info(port: Any) -> PortInfo:
-    texts = (port.device, port.description, port.serial_number, port.manufacturer)
+    texts = (port.device, port.description, port.serial_number)
     usb = None if port.vid is None or port.pid is None else (port.vid, port.pid)
     return PortInfo(*("" if text in (None, "n/a") else str(text) for text in texts), usb=usb)
 
