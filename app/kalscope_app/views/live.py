@@ -8,9 +8,10 @@ from functools import partial
 import viser
 
 from kalscope.common.text import count, duration, number
-from kalscope.sources.live.source import LiveStatus, RecordingStatus
+from kalscope.sources.live.source import LiveStatus
 from kalscope.sources.port.registry import PortSpec, named_transport
 from kalscope.sources.port.serial_port import list_ports
+from kalscope.sources.recorder import Recorder
 from kalscope_app.engine.frame import Frame
 from kalscope_app.engine.jobs import Jobs
 from kalscope_app.live import BoardConnection, BoardRecording, account, port_named
@@ -48,10 +49,10 @@ class RecordingView:
         on_user(self._open.on_click, lambda _client: open_spec(str(recording.last), Failed.OPEN))
         recording.on_change = self._on_change
 
-    def _on_change(self, status: RecordingStatus | None) -> None:
+    def _on_change(self, recorder: Recorder | None) -> None:
         """Show a recording whatever is on screen: the engine draws nothing while a file is."""
-        self._text.content = recording_text(status)
-        if status is None:
+        self._text.content = recording_text(recorder)
+        if recorder is None:
             self._name.value = self._board_recording.name
 
     def show(self, connection: ConnectionState, source: str) -> None:
@@ -63,13 +64,13 @@ class RecordingView:
         self._open.visible = last is not None and not connection.recording and str(last) != source
 
 
-def recording_text(recording: RecordingStatus | None) -> str:
+def recording_text(recorder: Recorder | None) -> str:
     """The status of the recording, as markdown; the name of the file is escaped."""
-    if recording is None:
+    if recorder is None:
         return ""
-    lines = [f"recording to **{escape_markdown(recording.name)}**", account(recording.counts)]
-    if recording.error:
-        lines.append(f"**{escape_markdown(recording.error, 200)}**")
+    lines = [f"recording to **{escape_markdown(recorder.paths[-1].name)}**", account(recorder.counts)]
+    if recorder.error:
+        lines.append(f"**{escape_markdown(recorder.error, 200)}**")
     return "\n".join(f"- {line}" for line in lines)
 
 

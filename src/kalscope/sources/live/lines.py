@@ -25,9 +25,8 @@ _SILENCE = 0.3
 """Seconds without a byte after which a new line begins: a line is sent in one go."""
 _MAX_REJECTED_RUN = 32
 """Successive rejected lines after which the board is assumed to run another program."""
-_WINDOW = 2.0
 _ODD_SHARE = 0.25
-_MIN_BYTES_JUDGED = 16
+_MIN_BYTES_JUDGED = 200
 
 _ODD = bytes(set(range(256)) - set(range(32, 127)) - set(b"\t\r\n"))
 _NUMBER_MARKS = "0123456789+-.eE,;|[]() \t"
@@ -59,8 +58,6 @@ class LiveLines:
 
     def __init__(self, options: ReadOptions) -> None:
         self.counts = LineCounts()
-        self.wrong_baud = False
-        """True if the last 2 s brought no row and more than a quarter of odd bytes."""
         self._options = options = replace(options, missing=(*options.missing, *OVERFLOWS))
         # No board prints a decimal comma; below a remark such as "Ready", 512,300 would look like one.
         self._parser = LineParser(replace(options, decimal=options.decimal or "."))
@@ -71,12 +68,17 @@ class LiveLines:
         self._fresh = False  # no sample since the opening
         self._recent: deque[str] = deque(maxlen=_MAX_REJECTED_RUN)
         self._names = ""
-        self._window = (0.0, 0, 0)
+        self._bytes = self._odd = 0  # since the last row, or the opening
 
     @property
     def layout(self) -> Layout | None:
         """How the lines are written; None while that is unknown."""
         return self._parser.layout
+
+    @property
+    def wrong_baud(self) -> bool:
+        """True where many bytes came since the last row, and more than a quarter of them odd."""
+        return self._bytes >= _MIN_BYTES_JUDGED and self._odd > _ODD_SHARE * self._bytes
 
     def opened(self, at: float, starts: Start = "inside a line", *, keeps: bool = False) -> None:
         """The port was opened at the monotonic time `at`, s; `starts` and `keeps` are those of `Opened`."""
@@ -88,7 +90,7 @@ class LiveLines:
         self._skip, self._whole, self._boot = inside, False, inside
         self._fresh = True
         self._opened = at if inside else -math.inf
-        self._window, self.wrong_baud = (at, 0, 0), False
+        self._bytes = self._odd = 0
 
     def interrupted(self) -> int:
         """The end of the line that was being received will not come: 1 if there is one, which is dropped."""
@@ -126,7 +128,10 @@ class LiveLines:
             event = parser.read(line, trusted=trusted)
             event = LineEvent(event.number, "blank", "") if torn else event  # counted, and no more
             yield self._counted(self._judged(event) if trusted else event)
-        self._check_for_noise(received, self.counts.accepted - rows)
+        self._bytes += len(received.data)
+        self._odd += len(received.data) - len(received.data.translate(None, _ODD))
+        if self.counts.accepted > rows:
+            self._bytes = self._odd = 0
 
     def _is_torn(self, line: str) -> bool:
         """Whether it is a first line: it is whole only after a silence, and never becomes a sample."""
@@ -205,18 +210,6 @@ class LiveLines:
         layout = self.layout
         just_opened = self._boot or self._fresh
         return layout is not None and layout.form.kind == "table" and (just_opened or not layout.header_rows)
-
-    def _check_for_noise(self, received: BytesReceived, rows: int) -> None:
-        begin, size, odd = self._window
-        if rows:
-            self._window, self.wrong_baud = (received.end, 0, 0), False
-            return
-        size += len(received.data)
-        odd += len(received.data) - len(received.data.translate(None, _ODD))
-        self._window = (begin, size, odd)
-        if received.end - begin >= _WINDOW and size >= _MIN_BYTES_JUDGED:
-            self.wrong_baud = odd > _ODD_SHARE * size
-            self._window = (received.end, 0, 0)
 
 
 def _are_numbers(text: str) -> bool:

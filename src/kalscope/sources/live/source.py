@@ -32,7 +32,7 @@ from kalscope.sources.live.samples import LiveSamples, Snapshot
 from kalscope.sources.port.reader import BytesReceived, Item, Opened, PortReader, Word
 from kalscope.sources.port.registry import PortSpec, port_of
 from kalscope.sources.reading.line_reader import LineEvent
-from kalscope.sources.recorder import Recorder, RecorderCounts, StampedLine
+from kalscope.sources.recorder import Recorder, StampedLine
 
 # Commands to a board: one line is sent, lines with # that follow are the reply.
 
@@ -155,18 +155,6 @@ _MIN_LINES_JUDGED = 20
 """Lines among which one with numbers is expected."""
 
 
-@dataclass(frozen=True)
-class RecordingStatus:
-    """The status of an active recording."""
-
-    name: str
-    """Name of the file that is written now, without its folder."""
-    counts: RecorderCounts
-    """Its counts: received = written + rejected + dropped, always."""
-    error: str
-    """What keeps lines from reaching the disk; "" where nothing does."""
-
-
 @dataclass(kw_only=True)
 class LiveStatus(LineCounts):
     """The status of a live source."""
@@ -189,8 +177,8 @@ class LiveStatus(LineCounts):
     """Samples of this generation that are no longer kept."""
     max_read_latency: float
     """The longest time by which a read of the port was late, s."""
-    recording: RecordingStatus | None
-    """The active recording; None if there is none."""
+    recording: Recorder | None
+    """The active recorder; None if there is none."""
 
 
 def hint_of(reader: PortReader, counts: LineCounts, *, noise: bool) -> str:
@@ -289,6 +277,7 @@ class LiveSource:
         self._end_by = math.inf
         self._failure = ""
         self._disconnected_at: float | None = None
+        self._left_out_s = 0.0  # seconds in which what arrives is left out, as too much waits
         self._line_at = -math.inf  # when the last whole line had arrived: a read may hold only part of one
         self.commands = CommandChannel(self._reader.write)
         """What is sent to the board, and its remarks."""
@@ -347,7 +336,7 @@ class LiveSource:
     def status(self) -> LiveStatus:
         """The current status."""
         with self._lock:
-            reader, state, time, recorder = self._reader, self._reader.state, self._samples.time, self.recorder
+            reader, state, time = self._reader, self._reader.state, self._samples.time
             return LiveStatus(
                 **vars(self._counts),
                 word=state.word,
@@ -359,7 +348,7 @@ class LiveSource:
                 reconnects=max(state.opened - 1, 0),
                 left_memory=self._samples.store.first,
                 max_read_latency=reader.max_read_latency,
-                recording=recorder and RecordingStatus(recorder.paths[-1].name, recorder.counts, recorder.error),
+                recording=self.recorder,
             )
 
     def record(self, path: str | os.PathLike[str]) -> Recorder:
@@ -419,11 +408,13 @@ class LiveSource:
                 self._counts = replace(self._lines.counts)
 
     def _handle(self, item: Item, *, is_late: bool = False) -> None:
-        if isinstance(item, BytesReceived) and (is_late or self._reader.waiting > MAX_WAITING_BYTES):
-            self._leave_out(item, 0 if is_late else MAX_WAITING_BYTES // 2)
-        elif isinstance(item, BytesReceived):
+        if isinstance(item, BytesReceived):
             self._reader.taken += len(item.data)
-            self._take(item)
+            most = MAX_WAITING_BYTES // 2 if self._left_out_s else MAX_WAITING_BYTES  # one gap, not a hundred
+            if is_late or self._reader.waiting > most:
+                self._leave_out(item)
+            else:
+                self._take(item)
         elif isinstance(item, Opened):
             self._on_opened(item)
         else:
@@ -432,24 +423,12 @@ class LiveSource:
             if not self._samples.kept:  # else the rest of the line may follow
                 self._interrupt()
 
-    def _leave_out(self, item: BytesReceived, most: int) -> None:
-        """Leave out all that waits now but so many bytes: one gap, not a hundred."""
-        begin, end, data, following = item.begin, item.end, bytearray(), item
-        count = self._reader.waiting - most
-        while isinstance(following, BytesReceived):
-            end = following.end
-            data += following.data
-            self._reader.taken += len(following.data)
-            following = self._reader.items.get() if len(data) < count else None
-        cut = data.rfind(b"\n") + 1 or len(data)  # whole lines, so that the next one is not torn
+    def _leave_out(self, item: BytesReceived) -> None:
         with self._lock:
-            dropped = self._lines.overrun(bytes(data[:cut]))
+            dropped = self._lines.overrun(item.data)
             self._samples.time.interrupt()
-        self._note_loss(dropped, "overrun", end - begin)
-        if rest := bytes(data[cut:]):
-            self._take(BytesReceived(rest, end, end, 0.0))
-        if following is not None:
-            self._handle(following)
+        self._note_loss(dropped)
+        self._left_out_s += item.end - item.begin
 
     def _on_opened(self, event: Opened) -> None:
         self._line_at, lost_at, self._disconnected_at = event.at, self._disconnected_at, None
@@ -470,6 +449,9 @@ class LiveSource:
 
     def _take(self, received: BytesReceived) -> None:
         """Write the lines, then show their samples and count them in one step."""
+        if self._left_out_s:
+            self._note_loss(0, "overrun", self._left_out_s)
+            self._left_out_s = 0.0
         with self._lock:
             batch = [(event, self._lines.layout) for event in self._lines.feed(received)]
         self._rate.note(received.end, self._lines.counts.received)
