@@ -192,7 +192,7 @@ class AppendFile:
         self.path, self._head = path, head
         self.error = ""
         """What keeps lines from reaching the file; "" while they do."""
-        self._damage = self._sync_error = ""
+        self._damage = ""
         self.lines = 0
         """Lines of the board that are in the file."""
         self.lost: int = 0
@@ -207,7 +207,7 @@ class AppendFile:
     @property
     def problem(self) -> str:
         """What is wrong with the file; "" for nothing."""
-        return self.error or self._damage or self._sync_error
+        return self.error or self._damage
 
     def create(self) -> int:
         """Create the file; its descriptor.
@@ -287,9 +287,8 @@ class AppendFile:
             if self._fd is not None:
                 try:
                     _fdatasync(self._fd)
-                    self._sync_error = ""
-                except OSError as error:
-                    self._sync_error = f"the disk did not confirm what was written ({error.strerror})"
+                except OSError as error:  # which Linux reports once, even where the data are lost
+                    self._damage = f"the disk did not confirm what was written ({error.strerror})"
 
     def close(self) -> None:
         """Close the file once the disk has it. Safe to call twice."""

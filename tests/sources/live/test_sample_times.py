@@ -43,11 +43,10 @@ def test_stamps_that_stand_still_are_no_time():
     np.testing.assert_allclose(time, np.arange(100) * 0.01, atol=1e-9)
 
 
-@pytest.mark.parametrize("size", [2.0**16, 2.0**32])
-def test_a_counter_that_wraps_is_counted_on(size):
-    true = np.arange(100) * 10.0 + size - 500
+def test_a_counter_that_wraps_is_counted_on():
+    true = np.arange(100) * 10.0 + 2.0**32 - 500
     clock = LiveTime(TimeColumn(0, "number", "ms"))
-    time = times_of(clock, (np.arange(100) * 0.01).tolist(), np.mod(true, size).tolist())
+    time = times_of(clock, (np.arange(100) * 0.01).tolist(), np.mod(true, 2.0**32).tolist())
     np.testing.assert_allclose(time, np.arange(100) * 0.01, atol=1e-6)
 
 
