@@ -195,28 +195,17 @@ def _outer(group: str) -> list[str]:
 
 
 def _grouped(items: Sequence[Item]) -> dict[tuple[str, int], list[Item]]:
-    """The arrays of each group and number of samples; scalars and images are left out."""
-    lengths = {(item.group, max(item.shape)) for item in items if _is_vector(item.shape)}
+    """The arrays of each group and number of samples; scalars and images are left out.
+
+    The samples of a matrix are along the axis that is as long as a vector beside it, else along the longer one.
+    """
+    vectors = {(item.group, max(item.shape)) for item in items if math.prod(item.shape) == max(item.shape)}
     groups: dict[tuple[str, int], list[Item]] = {}
     for item in items:
-        if (n := _samples(item, lengths)) > 1:
+        n = next((n for n in item.shape if n > 1 and (item.group, n) in vectors), max(item.shape))
+        if n > 1 and 0 < _width(item, n) <= MAX_COLUMNS:
             groups.setdefault((item.group, n), []).append(item)
     return groups
-
-
-def _is_vector(shape: tuple[int, ...]) -> bool:
-    return len(shape) == 1 or (len(shape) == 2 and 1 in shape)
-
-
-def _samples(item: Item, lengths: set[tuple[str, int]]) -> int:
-    """Samples of an array: along the axis that is as long as a vector beside it, else along the longer one."""
-    if not 1 <= len(item.shape) <= 2 or 0 in item.shape:
-        return 0
-    if _is_vector(item.shape):
-        return max(item.shape)
-    fitting = [n for n in item.shape if (item.group, n) in lengths]
-    n = fitting[0] if fitting else max(item.shape)
-    return n if _width(item, n) <= MAX_COLUMNS else 0
 
 
 def _width(item: Item, n: int) -> int:
@@ -278,8 +267,8 @@ def _text(value: Any) -> str:
 
 _COMPRESSED = 15
 """Type of an element of a file of version 5 that holds a compressed variable."""
-_PIECE = 1 << 22
-"""Bytes that are read and unpacked at once to count them."""
+_PIECE = 1 << 26
+"""Bytes that are unpacked at once to count them."""
 _VERSION_73 = b"MATLAB 7.3"
 _CLASSES = re.compile("double|single|logical|struct|u?int(8|16|32|64)")
 """Classes of variables that may hold numbers; cells, text, functions and objects are left unread."""
@@ -311,21 +300,16 @@ def read_mat(path: Path, name: str, part: str | None, progress: Progress) -> Tab
 
 def _count_unpacked(path: Path, progress: Progress) -> None:
     """Count what the compressed variables of a file of version 5 unpack to."""
-    with path.open("rb") as file:
-        head = file.read(128)
-        order = "<" if head[126:128] == b"IM" else ">"
-        while len(tag := file.read(8)) == 8:
-            kind, size = struct.unpack(f"{order}II", tag)
-            if kind != _COMPRESSED:
-                file.seek(size, 1)
-                continue
-            unpacker = zlib.decompressobj()
-            while packed := file.read(min(size, _PIECE)):
-                size -= len(packed)
-                while packed:
-                    progress(0.0, "reading")
-                    progress.unpack(len(unpacker.decompress(packed, _PIECE)))
-                    packed = unpacker.unconsumed_tail
+    data = path.read_bytes()
+    at, order = 128, "<" if data[126:128] == b"IM" else ">"
+    while at + 8 <= len(data):
+        kind, size = struct.unpack_from(f"{order}II", data, at)
+        unpacker, packed = zlib.decompressobj(), data[at + 8 : at + 8 + size]
+        while kind == _COMPRESSED and packed:
+            progress(0.0, "reading")
+            progress.unpack(len(unpacker.decompress(packed, _PIECE)))
+            packed = unpacker.unconsumed_tail
+        at += 8 + size
 
 
 def _collect(key: str, group: str, value: Any, found: Found, depth: int = 0) -> None:
@@ -387,18 +371,12 @@ def read_tdms(path: Path, name: str, part: str | None, progress: Progress) -> Ta
             step = properties.get("wf_increment")
             period = float(step) if isinstance(step, (int, float)) and 0 < step < np.inf else None
             unit = properties.get("unit_string") or properties.get("NI_UnitDescription") or ""
-            start = _seconds(properties.get("wf_start_time")) if period is not None else None
+            stamp = properties.get("wf_start_time")
+            is_stamp = period is not None and isinstance(stamp, np.datetime64) and not np.isnat(stamp)
+            start = float(_numbers_of(stamp)) / 1e6 if is_stamp else None
             load = partial(channel.__getitem__, slice(None))
             found.items.append(Item(channel.name, channel.group_name, (n,), load, str(unit), period, start))
         return read_arrays(found, part, name, "a TDMS file", progress)
-
-
-def _seconds(stamp: Any) -> float | None:
-    try:
-        seconds = float((stamp - _EPOCH) / np.timedelta64(1, "s"))
-    except (TypeError, ValueError):  # no stamp
-        return None
-    return seconds if np.isfinite(seconds) else None
 
 
 # Parquet files, read by pyarrow: one row per sample, the file gives the column types.
