@@ -232,17 +232,13 @@ def port_to_show(shown: str, before: tuple[str, ...], now: tuple[str, ...], *, k
 def status_text(status: LiveStatus) -> str:
     """The state of the connection, as markdown; what the board or the system sent is escaped."""
     lines = [f"**{escape_markdown(status.word, 200)}**: {escape_markdown(status.port, 200)}"]
-    spread = "" if status.jitter is None else f" ± {duration(status.jitter)}"
     if status.hint:
         lines.append(escape_markdown(status.hint, 300))
     lines += [
         f"{number(status.lines_per_s)} lines/s",
-        *([f"one sample every {duration(status.period)}{spread}"] if status.period else []),
+        *([f"one sample every {duration(status.period)}"] if status.period else []),
         f"{count(status.received)} lines = {count(status.accepted)} read + {count(status.rejected)} rejected"
         f" + {count(status.dropped)} dropped",
         f"reconnects: {count(status.reconnects)}",
-        f"max. read latency: {duration(status.max_read_latency)}",
     ]
-    if status.left_memory:
-        lines.append(f"{count(status.left_memory)} older samples have left memory")
     return "\n".join(f"- {line}" for line in lines)

@@ -91,13 +91,3 @@ def test_the_period_of_coarse_stamps_is_their_mean_step():
     clock = LiveTime(TimeColumn(0, "number", "ms"))
     times_of(clock, true.tolist(), np.floor(true * 1000).tolist())
     assert clock.period == pytest.approx(1 / 900, rel=0.01)
-
-
-def test_jitter_holds_nine_of_ten_steps():
-    rng = np.random.default_rng(2)
-    steps = 0.01 + rng.uniform(-0.001, 0.001, 4000)
-    clock = LiveTime(None)
-    assert clock.jitter is None
-    times_of(clock, np.cumsum(steps).tolist())
-    assert clock.jitter == pytest.approx(0.0009, rel=0.05)
-    assert clock.period == pytest.approx(0.01, rel=0.01)

@@ -176,7 +176,7 @@ class LiveLines:
             self._names = text
             return LineEvent(event.number, "text", event.text)  # and not a row of missing samples
         self._names = ""
-        if self._has_numbers(event) and not (names and self._may_be_renamed):
+        if fits and not (names and self._may_be_renamed):
             self._recent.clear()
             return None
         self._recent.append(text)
@@ -197,12 +197,6 @@ class LiveLines:
             and _are_names(names)
             and len(re.split(r"[,;\t]", names)) == len(layout.columns)
         )
-
-    def _has_numbers(self, event: LineEvent) -> bool:
-        """Whether a line is a row with numbers; `a:1,b:2` has only the width of one in a table of two columns."""
-        if event.kind != "row" or not event.issues or self.layout is None:
-            return event.kind == "row"
-        return any(math.isfinite(row[i]) for row in event.rows for i in self.layout.channels)
 
     @property
     def _may_be_renamed(self) -> bool:

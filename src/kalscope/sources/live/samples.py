@@ -188,14 +188,6 @@ class LiveTime:
         longest = 5 * max(median, self._scale) if self._scale else max(_PAUSE, 20 * steps.mean())
         return float(steps[steps <= longest].mean()) or median or None
 
-    @property
-    def jitter(self) -> float | None:
-        """Half the width that holds nine of ten steps, in s; None before there are ten."""
-        if len(self._steps) < 10:
-            return None
-        low, high = np.percentile(self._steps, (5, 95))
-        return round(float(high - low) / 2, 9)  # less is only the rounding of the stamps
-
     def _is_scale_known(self, rows: Sequence[ArrivedRow]) -> bool:
         """Whether it was found what one unit of the stamps is, or that they are not a time."""
         host, stamps = rows[-1].host - rows[0].host, np.array([row.stamp for row in rows])

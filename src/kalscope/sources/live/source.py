@@ -14,6 +14,7 @@ import math
 import os
 import threading
 import time
+from collections import deque
 from collections.abc import Callable, Iterable
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -147,8 +148,8 @@ class CommandChannel:
 # The status of a live source: its counts, and a sentence for the user if something is wrong.
 
 
-_RATE_OVER = 1.0
-"""Seconds over which the lines per second are averaged at least, and half of those at most."""
+_RATE_OVER = 2.0
+"""Seconds over which the lines per second are averaged."""
 _SILENT_AFTER = 5.0
 """Seconds after which a source that should send is reported as silent."""
 _MIN_LINES_JUDGED = 20
@@ -169,14 +170,8 @@ class LiveStatus(LineCounts):
     """Lines a second, over the last 2 s."""
     period: float | None
     """Measured sample period in s, the median step; None before two samples."""
-    jitter: float | None
-    """Half the width that holds nine of ten steps, in s; None before ten steps."""
     reconnects: int
     """How many times the port was opened again."""
-    left_memory: int
-    """Samples of this generation that are no longer kept."""
-    max_read_latency: float
-    """The longest time by which a read of the port was late, s."""
     recording: Recorder | None
     """The active recorder; None if there is none."""
 
@@ -205,22 +200,6 @@ def hint_of(reader: PortReader, counts: LineCounts, *, noise: bool) -> str:
     return ""
 
 
-class LineRate:
-    """Lines a second over the last one to two seconds. One thread writes, any may read."""
-
-    def __init__(self) -> None:
-        self._marks = ((-math.inf, 0), (-math.inf, 0))
-        self.now = 0.0
-        """Lines a second."""
-
-    def note(self, at: float, received: int) -> None:
-        """Note how many lines had arrived at the monotonic time `at`, s."""
-        (begin, old), (last, _) = self._marks
-        if at - last > _RATE_OVER:
-            self._marks = self._marks[1], (at, received)
-        self.now = (received - old) / (at - begin) if at > begin else 0.0
-
-
 # The source.
 
 
@@ -228,8 +207,6 @@ MAX_WAITING_BYTES = 1 << 20
 """Bytes that may wait to be parsed: 91 s of a port at 115200 baud. Beyond that lines are left out."""
 TICK = 0.1
 """Seconds without a line after which the second thread updates the recorder and the rate."""
-MAX_CLOSE_S = 0.5
-"""Seconds from the call of `close` in which waiting lines are processed; the rest is dropped, and counted."""
 _PART_OF_A_LINE = 0.25
 """Most seconds before a read in which its first line may have begun to arrive."""
 
@@ -271,10 +248,10 @@ class LiveSource:
         self._samples = LiveSamples(self.spec, keep, options.rate, options.time_unit)
         self._lock = threading.Lock()  # of the lines and of the samples
         self._counts = LineCounts()  # of the lines whose samples are stored: the status agrees with the snapshot
-        self._rate = LineRate()
+        self._arrived: deque[tuple[float, int]] = deque()  # (monotonic time in s, lines until then) of late
+        self._lines_per_s = 0.0
         self._thread: threading.Thread | None = None
         self._stop = threading.Event()
-        self._end_by = math.inf
         self._failure = ""
         self._disconnected_at: float | None = None
         self._left_out_s = 0.0  # seconds in which what arrives is left out, as too much waits
@@ -294,7 +271,7 @@ class LiveSource:
         if self._thread is not None:
             return
         self._reader.start(require=require)
-        self._stop, self._end_by = threading.Event(), math.inf
+        self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, args=(self._stop,), name="kalscope lines", daemon=True)
         self._thread.start()
 
@@ -312,7 +289,6 @@ class LiveSource:
         Args:
             timeout: Seconds to wait for an attempt to connect over the network; the recording ends in any case.
         """
-        self._end_by = self._clock.monotonic() + MAX_CLOSE_S
         self._reader.close(timeout)
         self._stop.set()
         thread, self._thread = self._thread, None
@@ -336,18 +312,15 @@ class LiveSource:
     def status(self) -> LiveStatus:
         """The current status."""
         with self._lock:
-            reader, state, time = self._reader, self._reader.state, self._samples.time
+            reader, state = self._reader, self._reader.state
             return LiveStatus(
                 **vars(self._counts),
                 word=state.word,
                 hint=self._failure or hint_of(reader, self._counts, noise=self._lines.wrong_baud),
                 port=state.device,
-                lines_per_s=self._rate.now if state.word == "connected" else 0.0,
-                period=time.period,
-                jitter=time.jitter,
+                lines_per_s=self._lines_per_s if state.word == "connected" else 0.0,
+                period=self._samples.time.period,
                 reconnects=max(state.opened - 1, 0),
-                left_memory=self._samples.store.first,
-                max_read_latency=reader.max_read_latency,
                 recording=self.recorder,
             )
 
@@ -390,28 +363,27 @@ class LiveSource:
 
     def _run(self, stop: threading.Event) -> None:
         while True:
-            is_late = self._clock.monotonic() > self._end_by
-            is_over = stop.is_set() and (is_late or self._reader.port is None)
+            is_over = stop.is_set()  # then all that was read is in the queue
             try:
                 item = self._reader.items.get(timeout=TICK)
             except Empty:
                 self._write([])
-                self._rate.note(self._clock.monotonic(), self._lines.counts.received)
+                self._note_rate(self._clock.monotonic())
                 if is_over:
                     return
                 continue
             try:
-                self._handle(item, is_late=is_late)
+                self._handle(item)
             except Exception as error:  # the thread must go on: without it nothing would be read, nor said
                 self._failure = f"an error of Kalscope left lines out ({type(error).__name__}: {error})"
             with self._lock:
                 self._counts = replace(self._lines.counts)
 
-    def _handle(self, item: Item, *, is_late: bool = False) -> None:
+    def _handle(self, item: Item) -> None:
         if isinstance(item, BytesReceived):
             self._reader.taken += len(item.data)
             most = MAX_WAITING_BYTES // 2 if self._left_out_s else MAX_WAITING_BYTES  # one gap, not a hundred
-            if is_late or self._reader.waiting > most:
+            if self._reader.waiting > most:
                 self._leave_out(item)
             else:
                 self._take(item)
@@ -454,7 +426,7 @@ class LiveSource:
             self._left_out_s = 0.0
         with self._lock:
             batch = [(event, self._lines.layout) for event in self._lines.feed(received)]
-        self._rate.note(received.end, self._lines.counts.received)
+        self._note_rate(received.end)
         if not batch:
             return
         begin, self._line_at = max(self._line_at, received.begin - _PART_OF_A_LINE), received.end
@@ -468,6 +440,14 @@ class LiveSource:
                 if (layout := run[0][2]) is not None:
                     samples.keep([(at, event) for at, event, _ in run], layout)
             self._counts = replace(self._lines.counts)
+
+    def _note_rate(self, at: float) -> None:
+        arrived = self._arrived
+        arrived.append((at, self._lines.counts.received))
+        while at - arrived[0][0] > _RATE_OVER:
+            arrived.popleft()
+        (begin, before), (_, received) = arrived[0], arrived[-1]
+        self._lines_per_s = (received - before) / (at - begin) if at > begin else 0.0
 
     def _write(self, stamped: list[StampedLine]) -> None:
         if recorder := self.recorder:
