@@ -11,7 +11,6 @@ changes a row.
 
 from __future__ import annotations
 
-import errno
 import math
 import os
 import threading
@@ -60,8 +59,6 @@ def check_free(path: Path) -> None:
     """
     if not path.name or path.is_dir():
         raise BadFile(f"a recording must be a file (got {str(path)!r})")
-    if path.suffix.lower() == ".rejects":
-        raise BadFile(f"a recording must not end in .rejects (got {path.name!r})")
     if _is_taken(path):
         raise BadFile(f"{path.name!r} exists already: choose another name, such as {first_free(path).name!r}")
 
@@ -156,7 +153,6 @@ def _number(value: float) -> str:
 def _cell(name: str, unit: str) -> str:
     """`name [unit]`; `name []` where our reader would take a bare name for something else."""
     unit = one_line(unit.replace("[", " ").replace("]", " "))[:_MAX_UNIT_LENGTH]
-    name = name[: _MAX_CELL_LENGTH - len(unit) - 3].rstrip()
     if unit:
         return f"{name} [{unit}]"
     plain = named_column(name) == Column(name) and only_text((name,), ".")
@@ -180,7 +176,6 @@ SYNC_EVERY_S = 1.0
 RETRY_S = 1.0
 """Pause between two attempts to write to a disk that refuses, s."""
 
-_FULL = (errno.ENOSPC, errno.EFBIG, getattr(errno, "EDQUOT", errno.ENOSPC))
 _fdatasync = getattr(os, "fdatasync", os.fsync)
 
 
@@ -241,17 +236,15 @@ class AppendFile:
         if self.error and now < self._retry_at and not at_once:
             self.lost += lines
             return
-        kind = self.error.partition(" (")[0]
-        gap = f"# gap {kind} {now - since:.3f} s ({self.lost - lost} lines dropped)\n" if kind else ""
+        gap = f"# gap disk {now - since:.3f} s ({self.lost - lost} lines dropped)\n" if self.error else ""
         try:
             if text := self._notes + gap + texts:
                 self._write((self._head + text).encode("utf-8", "backslashreplace"))
                 self._head = self._notes = self.error = ""
             self.lines += lines
         except OSError as error:
-            kind = "disk full" if error.errno in _FULL else "write error"
             self._failed = self._failed if self.error else (now, self.lost)
-            self.error = f"{kind} ({error.strerror}): lines for {self.path.name} are lost"
+            self.error = f"the disk refuses ({error.strerror}): lines for {self.path.name} are lost"
             self.lost += lines
             self._retry_at = now + RETRY_S
 

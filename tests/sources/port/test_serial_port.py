@@ -30,7 +30,7 @@ def opened(monkeypatch):
     """Opens a port of pyserial as if it were there."""
 
     def open_port(raw, last=None, path="/dev/ttyX"):
-        monkeypatch.setattr(serial_port, "new_port", lambda _device, **_: raw)
+        monkeypatch.setattr("serial.serial_for_url", lambda _device, **_: raw)
         return SerialPort(PortSpec(path), bool, last)
 
     return open_port

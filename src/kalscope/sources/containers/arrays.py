@@ -76,6 +76,8 @@ class Found:
     """The arrays."""
     scalars: list[tuple[str, str, float]] = field(default_factory=list[tuple[str, str, float]])
     """(group, name, value) of single numbers, which may include the sample rate."""
+    what: str = "group of arrays of one length"
+    """What a part of the file is called."""
 
     def add(self, key: str, group: str, array: Any, unit: str = "", period: float | None = None) -> None:
         """Add an array, or a dataset that is one: each field of a table, which may hold several columns, is one."""
@@ -118,23 +120,15 @@ def period_from(name: str, value: float) -> float | None:
     return period if period is not None and period <= _MAX_PERIOD else None
 
 
-def read_arrays(
-    arrays: Found,
-    wanted: str | None,
-    name: str,
-    note: str,
-    progress: Progress,
-    what: str = "group of arrays of one length",
-) -> Table:
+def read_arrays(arrays: Found, part: str | None, name: str, note: str, progress: Progress) -> Table:
     """The requested part: the arrays of one group with the same number of samples.
 
     Args:
         arrays: The arrays of the file.
-        wanted: `ReadOptions.part`.
+        part: `ReadOptions.part`.
         name: The file.
         note: What it is: "a MATLAB file".
         progress: Reports the arrays as they are read.
-        what: What a part is called.
 
     Raises:
         BadFile: there are no arrays of numbers, or too many numbers.
@@ -146,7 +140,7 @@ def read_arrays(
     for (group, n), found in groups.items():
         label = group if group and group not in many else f"{group}/{found[0].name}".removeprefix("/")
         parts.append(Part(label, n, sum(_width(item, n) for item in found)))
-    chosen, said = choose_part(parts, wanted, name, what)
+    chosen, said = choose_part(parts, part, name, arrays.what)
     (group, n), found = list(groups.items())[chosen]
     if group:  # a time array in the file itself applies to the group as well
         found = [*groups.get(("", n), []), *found]
@@ -262,14 +256,13 @@ def _text(value: Any) -> str:
     return value.strip() if isinstance(value, str) else ""
 
 
-# MATLAB files: version 5 to 7.2 by SciPy, version 7.3, which is HDF5, by h5py. Nothing in them is ever run.
+# MATLAB files of version 5 to 7.2, read by SciPy; version 7.3 is HDF5. Nothing in them is ever run.
 
 
 _COMPRESSED = 15
 """Type of an element of a file of version 5 that holds a compressed variable."""
 _PIECE = 1 << 26
 """Bytes that are unpacked at once to count them."""
-_VERSION_73 = b"MATLAB 7.3"
 _CLASSES = re.compile("double|single|logical|struct|u?int(8|16|32|64)")
 """Classes of variables that may hold numbers; cells, text, functions and objects are left unread."""
 
@@ -281,9 +274,6 @@ def read_mat(path: Path, name: str, part: str | None, progress: Progress) -> Tab
         BadFile: it holds no numbers or too many.
         BadSetting: there is no such part.
     """
-    with path.open("rb") as file:
-        if file.read(len(_VERSION_73)) == _VERSION_73:
-            return read_hdf5(path, name, part, progress)
     matlab = load_library("scipy.io", "scipy", name, "a MATLAB file")
     listed = cast("list[tuple[str, tuple[int, ...], str]]", matlab.whosmat(str(path)))
     wanted = [key for key, _, kind in listed if _CLASSES.fullmatch(kind)]
@@ -439,9 +429,9 @@ def read_edf(path: Path, name: str, part: str | None, progress: Progress) -> Tab
         low, high, least, most = (float(field[i]) for field in fields[3:7])
         return (data[:, stops[i] : stops[i + 1]].ravel() - least) * ((high - low) / (most - least)) + low
 
-    found = Found()
+    found = Found(what="set of signals of one rate")
     for i, (label, unit) in enumerate(zip(fields[0], fields[2], strict=True)):
         if not label.endswith("Annotations"):
             n = stops[i + 1] - stops[i]
             found.items.append(Item(label, "", (n * shape[0],), partial(physical, i), unit, seconds / n, start))
-    return read_arrays(found, part, name, "an EDF file", progress, "set of signals of one rate")
+    return read_arrays(found, part, name, "an EDF file", progress)

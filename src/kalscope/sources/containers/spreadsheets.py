@@ -24,7 +24,6 @@ _KIND = "a spreadsheet"
 _ANY_SIZE = 1 << 62
 _CHUNK = 1 << 20
 _PLACE = re.compile(rb"""\sr\s?=\s?["']([A-Za-z]{0,3})([0-9]{1,7})["']""")
-_SPREADSHEETS = ("xl/workbook.xml", "content.xml")
 _POLL_S = 0.05
 """Seconds between two checks whether the user has cancelled."""
 
@@ -77,8 +76,6 @@ def _convert(path: Path, folder: Path, progress: Progress) -> None:
 def _check_size(path: Path, name: str, progress: Progress) -> None:
     """Refuse what would fill the memory, by unpacking it once without keeping it: declared sizes may be false."""
     with zipfile.ZipFile(path) as archive:
-        if not any(info.filename in _SPREADSHEETS for info in archive.infolist()):
-            raise BadFile(f"{name} must be a spreadsheet (got a zip archive of other files)")
         for info in archive.infolist():
             info.file_size = _ANY_SIZE
             del info.CRC  # which would be that of the declared size

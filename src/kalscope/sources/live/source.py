@@ -176,30 +176,6 @@ class LiveStatus(LineCounts):
     """The active recorder; None if there is none."""
 
 
-def hint_of(reader: PortReader, counts: LineCounts, *, noise: bool) -> str:
-    """What is wrong with a port and what to do, in a sentence; "" where nothing is.
-
-    Args:
-        reader: The reader of the port.
-        counts: The lines that arrived.
-        noise: Whether the bytes are not text.
-    """
-    state, check = reader.state, reader.port.when_silent if reader.port else ""
-    seconds = reader.clock.monotonic() - reader.received_at
-    if state.reason:
-        return state.reason
-    if check and seconds >= _SILENT_AFTER:
-        return f"nothing has arrived for more than {_SILENT_AFTER:g} s: {check}"
-    if noise:
-        cause = f": is {reader.spec.baud} the right baud rate?" if reader.spec.transport.has_baud else ""
-        return f"the data is not text{cause}"
-    if state.word == "connected" and counts.received - counts.overrun > _MIN_LINES_JUDGED and not counts.accepted:
-        return "lines arrive, but none has numbers"
-    if state.word == "connected" and counts.overrun:
-        return f"the port sends faster than it can be read: {count(counts.overrun)} lines dropped"
-    return ""
-
-
 # The source.
 
 
@@ -238,8 +214,6 @@ class LiveSource:
         if keep < 1:
             raise BadSetting(f"keep must be at least 1 sample (got {keep})")
         self.spec = port_of(spec) if isinstance(spec, str) else spec
-        self.reconnect = reconnect
-        """Whether the port is opened again when the board comes back."""
         self.recorder: Recorder | None = None
         """The active recorder; None if there is none."""
         self._reader = reader or PortReader(self.spec, reconnect=reconnect)
@@ -312,17 +286,33 @@ class LiveSource:
     def status(self) -> LiveStatus:
         """The current status."""
         with self._lock:
-            reader, state = self._reader, self._reader.state
+            state = self._reader.state
             return LiveStatus(
                 **vars(self._counts),
                 word=state.word,
-                hint=self._failure or hint_of(reader, self._counts, noise=self._lines.wrong_baud),
+                hint=self._failure or self._hint(),
                 port=state.device,
                 lines_per_s=self._lines_per_s if state.word == "connected" else 0.0,
                 period=self._samples.time.period,
                 reconnects=max(state.opened - 1, 0),
                 recording=self.recorder,
             )
+
+    def _hint(self) -> str:
+        """What is wrong with the port and what to do, in a sentence; "" where nothing is."""
+        reader, counts = self._reader, self._counts
+        check = reader.port.when_silent if reader.port else ""
+        if reader.state.reason:
+            return reader.state.reason
+        if check and self._clock.monotonic() - reader.received_at >= _SILENT_AFTER:
+            return f"nothing has arrived for more than {_SILENT_AFTER:g} s: {check}"
+        if self._lines.wrong_baud:
+            has_baud = reader.spec.transport.has_baud
+            return "the data is not text" + (f": is {reader.spec.baud} the right baud rate?" if has_baud else "")
+        if reader.state.word == "connected" and counts.overrun:
+            return f"the port sends faster than it can be read: {count(counts.overrun)} lines dropped"
+        is_text = reader.state.word == "connected" and counts.received > _MIN_LINES_JUDGED and not counts.accepted
+        return "lines arrive, but none has numbers" if is_text else ""
 
     def record(self, path: str | os.PathLike[str]) -> Recorder:
         """Write every line from now on to a new file, raw, before it is shown.

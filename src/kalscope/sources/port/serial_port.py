@@ -106,21 +106,8 @@ WRITE_TIMEOUT = 2.0
 """Seconds after which a write that is not accepted fails."""
 _WINDOWS_BUFFER = 1 << 20  # the driver's own 4096 bytes are full after 0.36 s at 115200 baud
 
-_DEVICE = re.compile(r"(?:\\\\\.\\)?COM[0-9]+|/dev/(?:tty|cu|pts/|serial/|rfcomm).*", re.IGNORECASE | re.DOTALL)
-
-
-def is_serial_device(text: str) -> bool:
-    """Whether a text is the name of a serial port and of nothing else."""
-    return _DEVICE.fullmatch(text) is not None
-
-
-def new_port(device: str, **settings: Any) -> Any:
-    """A closed port of pyserial, which locks it."""
-    import serial
-
-    # A lock that other careful programs respect. Windows locks without being asked.
-    lock = None if sys.platform == "win32" else True
-    return serial.serial_for_url(device, do_not_open=True, exclusive=lock, **settings)
+PORT_NAME = re.compile(r"(?:\\\\\.\\)?COM[0-9]+|/dev/(?:tty|cu|pts/|serial/|rfcomm).*", re.IGNORECASE | re.DOTALL)
+"""Names of serial ports and of nothing else."""
 
 
 def open_failure(device: str, baud: int, error: BaseException) -> str:
@@ -146,6 +133,8 @@ class SerialPort(OpenPort):
 
     def __init__(self, spec: PortSpec, is_ended: Callable[[], bool], last: OpenPort | None) -> None:
         """Open it; see OpenPort."""
+        import serial
+
         del is_ended  # a driver opens at once
         self.serial_number: str = last.serial_number if isinstance(last, SerialPort) else ""
         listed = list_ports()
@@ -153,9 +142,10 @@ class SerialPort(OpenPort):
         self.device = same[0] if same and os.path.realpath(spec.url) not in same else spec.url
         self._port: Any = None
         try:
-            self._port = new_port(
-                self.device, baudrate=spec.baud, timeout=READ_TIMEOUT, write_timeout=WRITE_TIMEOUT
-            )
+            settings = {"baudrate": spec.baud, "timeout": READ_TIMEOUT, "write_timeout": WRITE_TIMEOUT}
+            # A lock that other careful programs respect. Windows locks without being asked.
+            lock = None if sys.platform == "win32" else True
+            self._port = serial.serial_for_url(self.device, do_not_open=True, exclusive=lock, **settings)
             if not spec.reset:
                 self._port.dtr = self._port.rts = False
             self._port.open()
