@@ -18,6 +18,7 @@ from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from itertools import chain
 from itertools import count as numbers
 from pathlib import Path
 
@@ -41,10 +42,8 @@ def rejects_path(path: Path) -> Path:
 
 def first_free(path: Path) -> Path:
     """`path`, or a similar name if a recording has it."""
-    if not _is_taken(path):
-        return path
-    names = (path.with_name(f"{path.stem}_{n}{path.suffix}") for n in numbers(2))
-    return next(name for name in names if not _is_taken(name))
+    others = (path.with_name(f"{path.stem}_{n}{path.suffix}") for n in numbers(2))
+    return next(name for name in chain([path], others) if not _is_taken(name))
 
 
 def _is_taken(path: Path) -> bool:

@@ -361,7 +361,7 @@ def read_tdms(path: Path, name: str, part: str | None, progress: Progress) -> Ta
             step = properties.get("wf_increment")
             period = float(step) if isinstance(step, (int, float)) and 0 < step < np.inf else None
             unit = properties.get("unit_string") or properties.get("NI_UnitDescription") or ""
-            stamp = properties.get("wf_start_time")
+            stamp: Any = properties.get("wf_start_time")
             is_stamp = period is not None and isinstance(stamp, np.datetime64) and not np.isnat(stamp)
             start = float(_numbers_of(stamp)) / 1e6 if is_stamp else None
             load = partial(channel.__getitem__, slice(None))

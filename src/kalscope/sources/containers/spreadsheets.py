@@ -91,5 +91,5 @@ def _check_size(path: Path, name: str, progress: Progress) -> None:
                     before = piece[-64:]
             if rows * columns > convert.MAX_CELLS:
                 raise BadFile(
-                    f"{name} must hold at most {convert.MAX_CELLS} cells in a sheet (got {rows} × {columns})"
+                    f"{name} must have at most {convert.MAX_CELLS} cells a sheet (got {rows} × {columns})"
                 )

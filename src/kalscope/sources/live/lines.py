@@ -168,10 +168,7 @@ class LiveLines:
         `ERR,OK` is not a header. Where each line names its values, no line above them is one: `a94*2B`.
         """
         text, names, fits = self._parser.line, self._names, event.kind == "row" and not event.issues
-        if is_damaged(text):
-            self._names = ""
-            self._recent.append(DAMAGED)
-            return None
+        text = DAMAGED if is_damaged(text) else text
         if not fits and _are_names(text):
             self._names = text
             return LineEvent(event.number, "text", event.text)  # and not a row of missing samples

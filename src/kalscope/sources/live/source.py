@@ -89,10 +89,7 @@ class CommandChannel:
         """
         data = line.encode("utf-8") + b"\n"
         if len(data) > MAX_COMMAND_BYTES or not line.isprintable():
-            raise BadSetting(
-                f"what is sent must be one line of at most {MAX_COMMAND_BYTES - 1} bytes"
-                f" (got {len(data) - 1} in {line[:80]!r})"
-            )
+            raise BadSetting(f"commands must be lines of at most {MAX_COMMAND_BYTES - 1} bytes (got {line!r:.80})")
         with self._one_at_a_time:
             self._remarks, self._is_gone = Queue(_MAX_REMARKS), False
             try:
@@ -115,9 +112,7 @@ class CommandChannel:
             finally:
                 self._remarks = None
         if not replies:
-            raise BadDevice(
-                f"the board did not answer {line!r} within {timeout:g} s: is the exported sketch on it?"
-            )
+            raise BadDevice(f"the board did not answer {line!r} within {timeout:g} s: is an exported sketch on it?")
         return tuple(replies)
 
     def on_events(self, events: Iterable[LineEvent], row: int, generation: int) -> None:

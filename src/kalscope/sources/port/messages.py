@@ -10,6 +10,7 @@ import time
 from abc import abstractmethod
 from collections.abc import Callable
 from contextlib import suppress
+from functools import partial
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 from urllib.parse import unquote
@@ -181,9 +182,7 @@ def mqtt_parts(address: str) -> re.Match[str]:
     """
     match = _ADDRESS.fullmatch(address)
     if match is None or not 1 <= int(match[5] or PORT) <= 65_535:
-        raise BadSetting(
-            f"an address must be mqtt://broker/topic or mqtt://user@broker:port/topic (got {quoted(address)})"
-        )
+        raise BadSetting(f"an address must be mqtt://[user@]broker[:port]/topic (got {quoted(address)})")
     try:
         import_module("paho.mqtt.client")
     except ImportError:
@@ -208,9 +207,8 @@ class MqttPort(MessagePort):
     prefixes = ("mqtt://", "mqtts://")
     check = staticmethod(mqtt_parts)
 
-    def __init__(self, spec: PortSpec, is_ended: Callable[[], bool], last: OpenPort | None) -> None:
+    def __init__(self, spec: PortSpec, is_ended: Callable[[], bool], _last: OpenPort | None) -> None:
         """Connect and subscribe; see OpenPort."""
-        del last
         paho: Any = import_module("paho.mqtt.client")
         match = mqtt_parts(spec.url)
         tls, self._host = match[1].lower() == "mqtts", match[3] or match[4]
@@ -307,15 +305,12 @@ class UdpPort(MessagePort):
     """A port of this machine, on one interface or on all."""
 
     prefixes = ("udp://",)
+    check = staticmethod(partial(host_and_port, default=LOOPBACK))
 
-    def __init__(self, spec: PortSpec, is_ended: Callable[[], bool], last: OpenPort | None) -> None:
+    def __init__(self, spec: PortSpec, _is_ended: Callable[[], bool], _last: OpenPort | None) -> None:
         """Bind it; see OpenPort."""
-        del is_ended, last
-        host, port = self.check(spec.url)
-        self.when_silent = (
-            f"does the board send to this address, and do all firewalls let it? udp://0.0.0.0:{port} is open to all"
-            " networks of this computer"
-        )
+        host, port = host_and_port(spec.url, LOOPBACK)
+        self.when_silent = f"do firewalls let the board reach it? udp://0.0.0.0:{port} is open to all networks"
         family = socket.AF_INET6 if ":" in host else socket.AF_INET
         self._socket = socket.socket(family, socket.SOCK_DGRAM)
         try:
@@ -324,11 +319,6 @@ class UdpPort(MessagePort):
         except BaseException:
             self.close()
             raise
-
-    @staticmethod
-    def check(address: str) -> tuple[str, int]:
-        """The interface and the port of an address; see OpenPort."""
-        return host_and_port(address, LOOPBACK)
 
     def gather(self) -> None:
         """Take what has arrived."""

@@ -74,9 +74,8 @@ class SocketPort(OpenPort):
     prefixes = ("tcp://", "socket://")
     check = staticmethod(host_and_port)
 
-    def __init__(self, spec: PortSpec, is_ended: Callable[[], bool], last: OpenPort | None) -> None:
+    def __init__(self, spec: PortSpec, _is_ended: Callable[[], bool], _last: OpenPort | None) -> None:
         """Connect; see OpenPort."""
-        del is_ended, last  # the system's connect cannot be interrupted
         self._socket = socket.create_connection(host_and_port(spec.url), CONNECT_TIMEOUT)
         self._socket.settimeout(READ_TIMEOUT)  # and no select(), which fails beyond 1,024 open files
 
@@ -116,10 +115,9 @@ def open_failure(device: str, baud: int, error: BaseException) -> str:
     if number == errno.ENOENT or "FileNotFoundError" in text:
         known = ", ".join(port.device for port in list_ports()) or "no serial port at all"
         return f"port {device} is not plugged in (the system lists {known})"
-    is_refused = number in (errno.EACCES, errno.EPERM) or "PermissionError" in text
-    if is_refused and sys.platform != "win32":
+    if number in (errno.EACCES, errno.EPERM) and sys.platform != "win32":
         return f"no permission to open port {device} (on Linux: sudo usermod -aG dialout $USER, then log in again)"
-    if is_refused or number in (errno.EBUSY, errno.EAGAIN) or "exclusively lock" in text:
+    if number in (errno.EBUSY, errno.EAGAIN) or "exclusively lock" in text or "PermissionError" in text:  # Windows
         return f"port {device} is in use by another program: close it there, as in the Serial Monitor"
     return f"port {device} cannot be opened at {baud} baud ({short(error)})"
 
@@ -131,18 +129,21 @@ class SerialPort(OpenPort):
     has_baud = True
     when_lost = "was the board unplugged, or does another program read this port?"
 
-    def __init__(self, spec: PortSpec, is_ended: Callable[[], bool], last: OpenPort | None) -> None:
+    def __init__(self, spec: PortSpec, _is_ended: Callable[[], bool], last: OpenPort | None) -> None:
         """Open it; see OpenPort."""
         import serial
 
-        del is_ended  # a driver opens at once
         self.serial_number: str = last.serial_number if isinstance(last, SerialPort) else ""
         listed = list_ports()
         same = [info.device for info in listed if info.serial_number == self.serial_number != ""]
         self.device = same[0] if same and os.path.realpath(spec.url) not in same else spec.url
         self._port: Any = None
         try:
-            settings = {"baudrate": spec.baud, "timeout": READ_TIMEOUT, "write_timeout": WRITE_TIMEOUT}
+            settings: dict[str, Any] = {
+                "baudrate": spec.baud,
+                "timeout": READ_TIMEOUT,
+                "write_timeout": WRITE_TIMEOUT,
+            }
             # A lock that other careful programs respect. Windows locks without being asked.
             lock = None if sys.platform == "win32" else True
             self._port = serial.serial_for_url(self.device, do_not_open=True, exclusive=lock, **settings)

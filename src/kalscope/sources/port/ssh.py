@@ -44,9 +44,8 @@ class FilePort(GrowingFile, OpenPort):
     prefixes = (FILE_PREFIX,)
     keeps = True
 
-    def __init__(self, spec: PortSpec, is_ended: Callable[[], bool], last: OpenPort | None) -> None:
+    def __init__(self, spec: PortSpec, _is_ended: Callable[[], bool], last: OpenPort | None) -> None:
         """Open the file; see OpenPort."""
-        del is_ended  # a file opens at once
         self.device = spec.url[len(FILE_PREFIX) :]
         super().__init__(self.device, last.place if isinstance(last, FilePort) else (0, b""))
         self.starts = "where it stopped" if self.place[0] else "at a line"
@@ -97,10 +96,7 @@ def ssh_parts(address: str) -> re.Match[str]:
     """The parts of an address: user, host, port and path; raises BadSetting where it is malformed."""
     match = _ADDRESS.fullmatch(address)
     if match is None or not 1 <= int(match[3] or 22) <= 65_535 or not unquote(match[4]).isprintable():
-        raise BadSetting(
-            "an address must be ssh://host/path, ssh://user@host:port/path, with letters, digits and . _ - in"
-            f" user and host, a port from 1 to 65535 and a printable path (got {quoted(address)})"
-        )
+        raise BadSetting(f"an address must be ssh://[user@]host[:port]/path (got {quoted(address)})")
     return match
 
 
