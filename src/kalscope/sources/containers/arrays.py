@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import io
 import logging
 import math
@@ -361,9 +360,9 @@ def read_tdms(path: Path, name: str, part: str | None, progress: Progress) -> Ta
             step = properties.get("wf_increment")
             period = float(step) if isinstance(step, (int, float)) and 0 < step < np.inf else None
             unit = properties.get("unit_string") or properties.get("NI_UnitDescription") or ""
-            stamp: Any = properties.get("wf_start_time")
-            is_stamp = period is not None and isinstance(stamp, np.datetime64) and not np.isnat(stamp)
-            start = float(_numbers_of(stamp)) / 1e6 if is_stamp else None
+            stamp = np.asarray(properties.get("wf_start_time"))
+            seconds = float(_numbers_of(stamp)) / 1e6 if period and stamp.dtype.kind == "M" else math.nan
+            start = seconds if math.isfinite(seconds) else None
             load = partial(channel.__getitem__, slice(None))
             found.items.append(Item(channel.name, channel.group_name, (n,), load, str(unit), period, start))
         return read_arrays(found, part, name, "a TDMS file", progress)
@@ -382,7 +381,7 @@ def read_parquet(path: Path, name: str, part: str | None, progress: Progress) ->
     refuse_part(part, name)
     progress(0.0, "reading")
     parquet = load_library("pyarrow.parquet", "pyarrow", name, "a Parquet file")
-    types = importlib.import_module("pyarrow").types
+    types = load_library("pyarrow.types", "pyarrow", name, "a Parquet file")
     with parquet.ParquetFile(str(path)) as file:
         found, rows = Found(), int(file.metadata.num_rows)
 

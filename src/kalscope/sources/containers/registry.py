@@ -16,9 +16,6 @@ from kalscope.errors import BadFile, KalscopeError
 from kalscope.sources.containers.table import Table, Text
 from kalscope.sources.grammar.line_format import find_object
 
-OLD_EXCEL = b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1"
-"""How a workbook of Excel before 2007 begins."""
-
 _BEFORE_JSON = b"\xef\xbb\xbf\xff\xfe\0 \t\r\n"
 """What may precede the first character: byte order marks, blanks, and the empty halves of UTF-16."""
 _MAX_LINES = 50
@@ -49,10 +46,15 @@ def _begins(*magic: bytes) -> Recogniser:
 
 def _is_excel(head: bytes, name: str) -> bool:
     """For a zip archive the names in its head decide, or its own name."""
-    return head.startswith(OLD_EXCEL) or (
-        head.startswith(b"PK\x03\x04")
-        and (
-            name.endswith((".xlsx", ".xlsm", ".ods")) or b"xl/" in head or b"opendocument.spreadsheet" in head[:200]
+    return (
+        head.startswith(b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1")
+        or (  # before Excel 2007
+            head.startswith(b"PK\x03\x04")
+            and (
+                name.endswith((".xlsx", ".xlsm", ".ods"))
+                or b"xl/" in head
+                or b"opendocument.spreadsheet" in head[:200]
+            )
         )
     )
 

@@ -139,14 +139,10 @@ class SerialPort(OpenPort):
         self.device = same[0] if same and os.path.realpath(spec.url) not in same else spec.url
         self._port: Any = None
         try:
-            settings: dict[str, Any] = {
-                "baudrate": spec.baud,
-                "timeout": READ_TIMEOUT,
-                "write_timeout": WRITE_TIMEOUT,
-            }
             # A lock that other careful programs respect. Windows locks without being asked.
             lock = None if sys.platform == "win32" else True
-            self._port = serial.serial_for_url(self.device, do_not_open=True, exclusive=lock, **settings)
+            self._port = serial.serial_for_url(self.device, baudrate=spec.baud, do_not_open=True, exclusive=lock)
+            self._port.timeout, self._port.write_timeout = READ_TIMEOUT, WRITE_TIMEOUT
             if not spec.reset:
                 self._port.dtr = self._port.rts = False
             self._port.open()
