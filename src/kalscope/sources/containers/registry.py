@@ -46,17 +46,10 @@ def _begins(*magic: bytes) -> Recogniser:
 
 def _is_excel(head: bytes, name: str) -> bool:
     """For a zip archive the names in its head decide, or its own name."""
-    return (
-        head.startswith(b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1")
-        or (  # before Excel 2007
-            head.startswith(b"PK\x03\x04")
-            and (
-                name.endswith((".xlsx", ".xlsm", ".ods"))
-                or b"xl/" in head
-                or b"opendocument.spreadsheet" in head[:200]
-            )
-        )
-    )
+    is_old = head.startswith(b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1")  # of before 2007
+    is_named = name.endswith((".xlsx", ".xlsm", ".ods"))
+    held = b"xl/" in head or b"opendocument.spreadsheet" in head[:200]
+    return is_old or (head.startswith(b"PK\x03\x04") and (is_named or held))
 
 
 def _is_edf(head: bytes, _: str) -> bool:
