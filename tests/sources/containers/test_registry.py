@@ -1,4 +1,4 @@
-"""What all containers share: known by content, cancelled like any reader, refused without their library or where damaged."""
+"""What all containers share: known by content, cancelled, refused without their library or where damaged."""
 
 import gzip
 import random

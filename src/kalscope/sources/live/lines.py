@@ -173,7 +173,9 @@ class LiveLines:
             self._names = text
             return LineEvent(event.number, "text", event.text)  # and not a row of missing samples
         self._names = ""
-        if fits and not (names and self._may_be_renamed):
+        channels = self.layout.channels if self.layout else ()
+        has_numbers = fits or any(math.isfinite(row[i]) for row in event.rows for i in channels)
+        if has_numbers and not (names and self._may_be_renamed):
             self._recent.clear()
             return None
         self._recent.append(text)
@@ -186,14 +188,9 @@ class LiveLines:
 
     def _names_columns(self, comment: str) -> bool:
         """Whether a comment names each column of a table without names, as a sketch that restarts writes it."""
-        layout, names = self.layout, comment.lstrip("#").strip()
-        return (
-            layout is not None
-            and self._may_be_renamed
-            and "=" not in names
-            and _are_names(names)
-            and len(re.split(r"[,;\t]", names)) == len(layout.columns)
-        )
+        names, width = comment.lstrip("#").strip(), len(self.layout.columns) if self.layout else 0
+        fits = len(re.split(r"[,;\t]", names)) == width and "=" not in names
+        return fits and self._may_be_renamed and _are_names(names)
 
     @property
     def _may_be_renamed(self) -> bool:
