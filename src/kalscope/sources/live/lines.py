@@ -64,7 +64,6 @@ class LiveLines:
         self._options = options = replace(options, missing=(*options.missing, *OVERFLOWS))
         # No board prints a decimal comma; below a remark such as "Ready", 512,300 would look like one.
         self._parser = LineParser(replace(options, decimal=options.decimal or "."))
-        self._may_prime = False  # the next bytes are the first of whole lines
         self._last = b""  # byte
         self._skip = self._whole = False  # the next line may be half of one; it was sent after a silence
         self._opened = -math.inf
@@ -87,7 +86,7 @@ class LiveLines:
             self._parser = LineParser(self._options)  # a file may have a decimal comma
         inside = starts == "inside a line"  # the first line may be half of one, and the board have restarted
         self._skip, self._whole, self._boot = inside, False, inside
-        self._may_prime, self._fresh = not inside, True
+        self._fresh = True
         self._opened = at if inside else -math.inf
         self._window, self.wrong_baud = (at, 0, 0), False
 
@@ -114,9 +113,6 @@ class LiveLines:
         """The lines that are complete. Take them all before the next bytes."""
         parser, rows = self._parser, self.counts.accepted
         self._boot = received.end - self._opened <= BOOT_SECONDS
-        if self._may_prime and received.data.startswith(b">"):  # all variables of Teleplot at once
-            parser.prime(received.data.decode("utf-8", "replace").splitlines())
-        self._may_prime = False
         if received.silence > _SILENCE:
             if not parser.is_inside_line:
                 self._whole = True
