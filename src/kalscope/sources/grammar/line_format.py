@@ -244,10 +244,12 @@ _COUNTED = re.compile(
 )
 """What a kernel and an ESP32 write before a line: `[   12.345]`, `I (12345) sensor:`."""
 _SYSLOG = re.compile(
-    r"[A-Z][a-z]{2} [ 0-9]?[0-9] ([0-9]{2}:[0-9]{2}:[0-9]{2}(?:\.[0-9]{1,9})?) \S{1,64} [^\s:]{1,64}: (.*)",
+    r"(?:[A-Z][a-z]{2} [ 0-9]?[0-9]|[0-9]{2}-[0-9]{2}) ([0-9]{2}:[0-9]{2}:[0-9]{2}(?:\.[0-9]{1,9})?)"
+    r"(?: {1,8}[^\s:]{1,64}){2,4} {0,24}: (.*)",
     re.DOTALL,
 )
-"""What syslog and journalctl write before a line: `May 17 09:30:00 host sensor[612]: `; the date has no year."""
+"""What syslog, journalctl and Android write before a line: `May 17 09:30:00 host sensor[612]: `,
+`05-17 09:30:00.123  612  640 D Sensor: `; the date has no year."""
 _HEXADECIMAL = frozenset(hexdigits)
 _DIGITS_OR_BLANKS = frozenset("0123456789 \t")
 _TELEPLOT = re.compile(r"\s*>([^:>|§]{1,200}):([^|§]*)(?:§([^|]*))?(?:\|(.*))?\s*", re.DOTALL)
@@ -319,7 +321,7 @@ def split_stamp(line: str) -> tuple[str, str] | None:
     """(`12:00:00.023`, rest) of a line before which a serial monitor wrote its stamp; None for any other line."""
     match = line.startswith(("[", "(", "I (", "D (", "W (", "E (", "V (")) and _COUNTED.fullmatch(line)
     match = match or (":" in line[:_STAMP_REACH] and _LINE_STAMP.fullmatch(line))
-    match = match or (line[3:4] == " " and _SYSLOG.fullmatch(line))
+    match = match or (" " in line[3:6:2] and _SYSLOG.fullmatch(line))
     if match:
         stamp, rest = (group for group in match.groups() if group is not None)
         return stamp.replace(",", "") if "." in stamp else stamp, rest  # Zephyr writes 00:00:01.234,567

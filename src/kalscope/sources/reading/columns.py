@@ -91,7 +91,9 @@ HOST_AND_DEVICE = ("host time", "device time")
 ROW_NUMBER_NAME = "sample"
 """Header of the first column of our own CSV where a recording has no time: it counts the rows."""
 
-COUNTING_NAMES = frozenset(("", "#", "count", "counter", "id", "idx", "index", "no", "no.", "nr", "row", "samples"))
+COUNTING_NAMES = frozenset(
+    ("", "#", "count", "counter", "id", "idx", "index", "no", "no.", "nr", "number", "row", "samples")
+)
 """Names, in lower case, of columns that may number the rows."""
 _MIN_COUNTED = 8
 
@@ -311,10 +313,9 @@ def likeness(cells: Cells, kinds: CellKinds) -> float:
         numbers += "." in cells[0] and "," in cells[0]
     if len(cells) > 1:  # one `12,5` alone is two numbers, or one by the other mark
         numbers += 0.25 * found.count("other number") + 0.5 * found.count("grouped")
-    if not numbers:
-        return 0.0
     others = found.count("missing") + found.count("word") + found.count("stamp")
-    return (numbers + others) / len(cells)
+    is_void = "stamp" in found and others == len(cells) > 1  # a stamp and missing samples
+    return (numbers + others) / len(cells) if numbers or is_void else 0.0
 
 
 @dataclass(frozen=True)
@@ -423,6 +424,7 @@ _KEYS = _NAMES | words(
     """
     id device device_id deviceid dev dev_id node node_id nodeid mac mac_address address addr room location place
     station station_id site probe unit_id serial sn imei eui deveui dev_eui name_id ch port slot board source src
+    pid gpu cpu core
     """
 )
 """Names of a column that says which sensor a row is of, beside its values."""
@@ -448,24 +450,24 @@ def mark_series(
     texts = [i for i, column in enumerate(columns) if column.role == "text" and i not in times]
     names = [i for i in texts if bases[i] in _NAMES and i not in values]
     numbers = [i for i, column in enumerate(columns) if column.role == "channel" and i not in (*times, *values)]
-    roles: dict[int, Role] = {}
-    note = ""
+    units = [i for i in texts if bases[i] in UNIT_NAMES]
     if len(values) == 1 and names and (by_field or not numbers) and len(rows) >= _MIN_ROWS:
-        series = {i for i in texts if by_field and bases[i] not in _NO_TAGS} or {*names}
-        series = sorted({*series, *(i for i in texts if bases[i] in UNIT_NAMES)} - {*values})
-        distinct = {tuple(row[i] for i in series) for row in rows}
-        if len(distinct) <= len(rows) / 2 and any(is_number(row[values[0]], decimal) for row in rows):
-            roles = {**dict.fromkeys(numbers, "text"), **dict.fromkeys(series, "series"), values[0]: "channel"}
-        said = ", ".join(f'"{columns[i].name}"' for i in series)
-        note = f"each row holds one value, named by {said}"
+        keys = [i for i in texts if by_field and bases[i] not in _NO_TAGS and i not in values] or names
+        few = len({tuple(row[i] for i in keys) for row in rows}) <= len(rows) / 2
+        is_long = few and any(is_number(row[values[0]], decimal) for row in rows)
+        roles: dict[int, Role] = {**dict.fromkeys(numbers, "text"), values[0]: "channel"}
+        note = "each row holds one value, named by " + ", ".join(f'"{columns[i].name}"' for i in keys)
     else:
-        keys = (i for i in range(len(columns)) if i not in times and _is_key(i, columns, bases, rows, times))
-        for key in islice(keys, 1):
-            roles[key], name = "series", columns[key].name or f"column {key + 1}"
-            note = Assumption(f'each row is of one of {len({row[key] for row in rows})} sensors, by "{name}"')
-    return [replace(column, role=roles.get(i, column.role)) for i, column in enumerate(columns)], [
-        note
-    ] if roles else []
+        found = (i for i in range(len(columns)) if i not in times and _is_key(i, columns, bases, rows, times))
+        keys, roles = list(islice(found, 1)), {}
+        is_long, name = bool(keys), "".join(columns[i].name or f"column {i + 1}" for i in keys)
+        note = Assumption(
+            f'each row is of one of {len({row[i] for row in rows for i in keys})} sensors, by "{name}"'
+        )
+    if not is_long:
+        return columns, []
+    roles |= dict.fromkeys((*keys, *units), "series")
+    return [replace(column, role=roles.get(i, column.role)) for i, column in enumerate(columns)], [note]
 
 
 def _is_key(index: int, columns: list[Column], bases: list[str], rows: list[Cells], times: tuple[int, ...]) -> bool:

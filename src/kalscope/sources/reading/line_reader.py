@@ -6,7 +6,6 @@ The file reader, stdin and the live port all end here, so that a recording and t
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
@@ -86,9 +85,6 @@ class LineReader:
         """The names of a long table and their numbers, which are in its first "series" column."""
         self._before = -2
         """Fields of the row before; −1 at the first row."""
-        # A blank label would match at each position in a long run of blanks.
-        names = "|".join(re.escape(label) for label in self._form.labels if label.strip())
-        self._known_label = re.compile(rf"(?:^|[\s,;>])(?:{names or '(?!)'})\s*[:=]")
         self._number = 0
         self._issues: list[LineIssue] = []
         self._missing: list[str] = []
@@ -147,7 +143,11 @@ class LineReader:
         labels = self._form.labels
         found = find_labels(text)
         if found is None:
-            if self._known_label.search(text) or text.lstrip().startswith("{"):
+            bare = "".join(text.split())
+            known = (
+                f"{''.join(label.split())}{mark}" in bare for label in labels if label.strip() for mark in ":="
+            )
+            if any(known) or bare.startswith("{"):
                 raise _Fault("must be written as the other lines are")
             return None
         values = dict(found)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
+from itertools import islice, pairwise
 
 import numpy as np
 
@@ -509,6 +509,10 @@ def _described(
             if best != NumberForm(kinds.decimal):
                 form, unit = best, unit or best.suffix
                 notes.append(f'the numbers of "{name}" are written like {next(filter(best.fits, cells), "")!r}')
+                bare = (cell for cell in cells if best.suffix and cell[-1:].isdecimal() and best.fits(cell))
+                notes += [
+                    Assumption(f'"{cell}" in "{name}" is in {best.suffix} as well') for cell in islice(bare, 1)
+                ]
             if rival is not None:
                 notes.append(explain_doubt(name, best, rival, cells))
         columns.append(replace(column, role=role, unit=unit, form=form, words=kind.words))

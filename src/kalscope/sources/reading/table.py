@@ -12,12 +12,12 @@ from itertools import groupby
 from typing import Literal, NamedTuple
 
 from kalscope.sources.grammar.cells import (
+    are_units,
     is_blank,
     is_comment,
     is_number,
     parse_number,
     split_fields,
-    words,
 )
 from kalscope.sources.grammar.line_format import (
     LineFormat,
@@ -54,13 +54,6 @@ _WAYS = [re.compile(pattern) for pattern in (",", r"[ \t]+(?![\[(])", r"[ \t]{2,
 """How names above columns that blanks separate may be: at commas, with units in brackets, at wide gaps."""
 _RULED = frozenset("-=_+|:;, \t")
 """Characters of a ruled line below the names."""
-_SETTINGS = words(
-    """
-    sample sampling record serial operator user site station gain offset firmware software version model device
-    instrument manufacturer start created comment comments title project province
-    """
-)
-"""First words, in lower case, of the properties of a recording that may be above its table."""
 _MAX_NAME = 40
 """A longer single cell above a column of numbers is a sentence."""
 
@@ -206,29 +199,23 @@ class _Grid:
         data = [i for i, line in enumerate(lines) if i >= best and line.fit in ("row", "partial")]
         if not data:
             return self._table.rows[0][0]
-        likely = (i for i in data if best or not self._is_label(lines[max(0, i - 1) : i + 1]))
-        start = next(likely, data[0])
-        while start and (lines[start - 1].fit == "void" or self._repeats(lines[max(0, start - 2) : start + 1])):
-            start -= 1
-        return lines[start].number
+        whole = next((i for i in data if lines[i].fit == "row"), data[0])
+        texts = [line.text if line.fit == "text" else "" for line in lines[: whole + 1]]
+        # A text that repeats at once is no names, but ERR in place of a sample.
+        above = [
+            i
+            for i in range(best, whole)
+            if self._is_label(lines[i]) or (texts[i] and texts[i] not in (texts[i - 1], texts[i + 1]))
+        ]
+        start = max(above, default=best - 1) + 1
+        return next(line.number for line in lines[start:] if line.fit is not None)
 
-    def _repeats(self, lines: Sequence[_Line]) -> bool:
-        """True for the second ERR of three lines, the first of which may be the names: one word is no names."""
-        cells = lines[-2].cells
-        near = [line.cells for line in lines]
-        return len(lines) > 2 and lines[1].fit == "text" and len({*cells}) == 1 and near.count(cells) > 1
-
-    def _is_label(self, lines: Sequence[_Line]) -> bool:
-        """True for `Sample rate,100`, the last of two lines, where the first holds no names: text above numbers.
-
-        More texts than numbers are a label anywhere: `08:30:05 CPU %user %nice`, a stamp beside names.
-        """
-        cells = lines[-1].cells
-        judged = zip(self._types, cells, strict=False)
+    def _is_label(self, line: _Line) -> bool:
+        """True for text above numbers: `Sample rate,100`, and a stamp beside names, `08:30:05 CPU %user %nice`."""
+        judged = zip(self._types, line.cells, strict=False)
         texts = {cell for kind, cell in judged if kind.judge(cell, self._kinds) == "strange"}
-        nameless = len(lines) < 2 or lines[0].fit != "text" or self._is_setting(lines[0].cells)
-        named = len(texts) > max(1, sum(self._kinds[cell] in NUMERIC for cell in cells))
-        return lines[-1].fit == "partial" and (named or (cells[0] in texts and nameless))
+        named = len(texts) > max(1, sum(self._kinds[cell] in NUMERIC for cell in line.cells))
+        return line.fit == "partial" and (named or (line.cells[0] in texts and line.cells[0][0].isalpha()))
 
     def _begins_anew(self, line: _Line, above: Sequence[_Line], below: Sequence[_Line]) -> bool:
         """True for names that differ from those above, below an empty line or one that is not of the table.
@@ -261,6 +248,8 @@ class _Grid:
         for line in reversed(lines):
             if set(line.text) - _RULED:
                 cells = header_cells(line.text, self._table.form.delimiter, self._least)
+                if not found and len(cells) < self._least and are_units(cells):
+                    continue  # above some of the columns, nobody knows which
                 if not self._may_name(cells):
                     break
                 found.append((line.number, cells))
@@ -280,22 +269,17 @@ class _Grid:
             low, high = (self._least - 1, width) if prose else (self._least // 2, 2 * width)
             fits = max(2, low) <= len(cells) <= high and not (prose and cells[-1].endswith((".", ":")))
         numeric = any(self._kinds[cell] in ("number", "stamp") for cell in cells if cell)
-        told = cells[0].endswith(("=", ":")) or self._is_setting(cells)
-        return fits and any(cells) and not numeric and not told
-
-    def _is_setting(self, cells: Cells) -> bool:
-        """True for `Firmware,v2.31b`: a property of the recording, and its value."""
-        others = sum(cell != "" for cell in cells[1:])
-        return others == 1 and not _SETTINGS.isdisjoint(cells[0].lower().strip(" :=").split()[:1])
+        return fits and any(cells) and not numeric and not cells[0].endswith(("=", ":"))
 
 
 def header_cells(text: str, delimiter: str, width: int) -> Cells:
     """The cells of a line above `width` columns.
 
-    Names of columns that blanks separate may be separated otherwise: `t [us]   torque`, `Air Temp  Rel Hum`.
+    Names of columns that blanks separate may be separated otherwise: `t [us]   torque`, `Air Temp  Rel Hum`. Names
+    above tabs may be as well.
     """
     cells = tuple(split_fields(text, delimiter))
-    if delimiter != " " or len(cells) == width:
+    if len(cells) in (width, 0) or (delimiter != " " and (delimiter != "\t" or len(cells) > 1)):
         return cells
     ways = (tuple(cell.strip() for cell in way.split(text.strip())) for way in _WAYS)
     return next((found for found in ways if len(found) == width), cells)
@@ -421,21 +405,13 @@ def _as_table(
     if not width or weight[width] < MIN_TEXT_SHARE * len(lines):
         return None
     rows = [(line.number, split(line.text)) for line in lines if likely[line.shape]]
-    void = {shape for shape, texts in some.items() if _is_void(split(texts[0]), kinds)}
-    judged = [(line.number, split(line.text)) for line in lines if likely[line.shape] or line.shape in void]
     above = ((line.number, split(line.text)) for line in reversed(lines))
-    width, narrow = _grown_width(judged, above, width, kinds)
+    width, narrow = _grown_width(rows, above, width, kinds)
     total = sum(weight[w] for w in (width, *narrow))
     if len(lines) >= MIN_UNIFORM_LINES and total < MIN_UNIFORM * sum(weight.values()):
         return None
     rows = [(n, cells + ("",) * (width - len(cells))) for n, cells in rows if len(cells) in (width, *narrow)]
     return HeadTable(total / len(lines), form, width, tuple(rows), narrow)
-
-
-def _is_void(cells: Cells, kinds: CellKinds) -> bool:
-    """True for a row of a stamp and missing samples."""
-    found = {kinds[cell] for cell in cells}
-    return "stamp" in found and found <= {"stamp", "missing", "word"}
 
 
 def _grown_width(rows: list[Row], above: Iterable[Row], width: int, kinds: CellKinds) -> tuple[int, frozenset[int]]:
@@ -445,7 +421,7 @@ def _grown_width(rows: list[Row], above: Iterable[Row], width: int, kinds: CellK
     have no names of their own.
 
     Args:
-        rows: The lines that look like data, or hold a stamp and missing samples.
+        rows: The lines that look like data.
         above: All lines, the last first.
         width: The commonest width.
         kinds: The kinds of cells.
