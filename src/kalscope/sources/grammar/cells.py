@@ -75,7 +75,8 @@ def _split(line: str, delimiter: str) -> list[str]:
     text = line.strip(" \t\r\n") if delimiter == " " else line.rstrip("\r\n")
     if text[-1:] == "#" and text[-2:-1].isalnum():  # as boards end a message
         text = text[:-1]
-    text = text.replace('="', '"')  # ="21.5" keeps a spreadsheet from reading the cell
+    if '="' in text:  # ="21.5" keeps a spreadsheet from reading the cell
+        text = (delimiter + text).replace(f'{delimiter}="', f'{delimiter}"')[1:]
     if text.endswith(("]", ")", "}", "},", ">")):
         text = _without_brackets(text)
     if '"' in text and text.count('"') % 2 == 0:

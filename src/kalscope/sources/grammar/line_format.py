@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import json
 import re
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import reduce
+from itertools import islice
 from string import hexdigits
 from typing import Any, Literal, NamedTuple, cast
 
@@ -44,22 +46,22 @@ def find_object(line: str) -> list[tuple[str, str]] | None:
 
 def flattened(value: Any) -> list[tuple[str, str]] | None:
     """(full name, text) of each value of an object; None where it holds none, or more than MAX_VALUES."""
-    pairs: list[tuple[str, str]] = []
-    waiting: list[tuple[str, Any]] = [("", value)]  # a stack, not a recursion: outside text may nest deep
-    while waiting:
-        name, item = waiting.pop()
-        inner: list[tuple[str, Any]] = []
-        if isinstance(item, dict):
-            parts = cast("dict[str, Any]", item)
-            inner = [(f"{name}.{key}" if name else key, part) for key, part in parts.items()]
-        elif isinstance(item, list):
-            inner = [(f"{name}[{i}]", part) for i, part in enumerate(cast("list[Any]", item)[: MAX_VALUES + 1])]
-        else:
-            pairs.append((name, _text(item)))
-        if len(pairs) + len(waiting) + len(inner) > MAX_VALUES:
-            return None
-        waiting += reversed(inner)
-    return pairs or None
+    try:
+        pairs = list(islice(_values("", value), MAX_VALUES + 1))
+    except RecursionError:
+        return None
+    return pairs if 0 < len(pairs) <= MAX_VALUES else None
+
+
+def _values(name: str, value: Any) -> Iterator[tuple[str, str]]:
+    if isinstance(value, dict):
+        for key, part in cast("dict[str, Any]", value).items():
+            yield from _values(f"{name}.{key}" if name else key, part)
+    elif isinstance(value, list):
+        for i, part in enumerate(cast("list[Any]", value)):
+            yield from _values(f"{name}[{i}]", part)
+    else:
+        yield name, _text(value)
 
 
 def _text(value: Any) -> str:

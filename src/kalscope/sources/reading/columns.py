@@ -35,11 +35,9 @@ from kalscope.sources.reading.preface import Preface, find_preface
 
 ANY_DIGIT = str.maketrans("123456789", "000000000")
 """Makes a shape of a text: each digit becomes 0."""
-_MAX_SHAPES = 64
-"""With more shapes, those that differ only in the lengths of their numbers become one."""
 _MAX_OF_SHAPE = 4
 """Lines by which all of one shape are judged: 0,123 and 1,234 may be read differently."""
-_NUMBER = re.compile("00+")
+_NUMBER = re.compile("[0-9]+")
 
 
 class HeadLine(NamedTuple):
@@ -52,17 +50,12 @@ class HeadLine(NamedTuple):
     stamp: str = ""
     """The stamp that a monitor wrote before it; "" where there is none."""
     shape: str = ""
-    """What is the same in all lines that differ in their digits only: the text with 0 for each, or for each run."""
+    """What is the same in all lines that differ in their digits only: the text with 0 for each run."""
 
 
 def shaped(lines: Sequence[HeadLine]) -> list[HeadLine]:
     """The lines with their shapes."""
-    shapes = [line.text.translate(ANY_DIGIT) for line in lines]
-    exact = set(shapes)
-    if len(exact) > _MAX_SHAPES:
-        coarse = {shape: _NUMBER.sub("0", shape) for shape in exact}
-        shapes = [coarse[shape] for shape in shapes]
-    return [HeadLine(line.number, line.text, line.stamp, shape) for line, shape in zip(lines, shapes, strict=True)]
+    return [line._replace(shape=_NUMBER.sub("0", line.text)) for line in lines]
 
 
 def first_of_each_shape(lines: Iterable[HeadLine]) -> Mapping[str, Sequence[str]]:
@@ -110,8 +103,6 @@ class Column:
     """How it is used; only channels and the time are read."""
     form: NumberForm | None = None
     """How its numbers are written, where that differs from the rest of the table."""
-    words: frozenset[str] = frozenset()
-    """Texts, in lower case, that say "no sample" in this column, besides those that say it everywhere."""
 
 
 def named_column(text: str) -> Column:
@@ -248,8 +239,8 @@ _NUMERIC_CHARACTERS = "0123456789.,+-eE;| \t"
 _MIN_SHAPE, _MIN_JUDGED = 8, 3
 """Characters from which the shape of a cell shows a stamp, and how many cells of the shape must agree."""
 _HEXADECIMAL = re.compile(r"(?:0[xX])?[0-9A-Fa-f]{2,16}")
-_MIN_REPEATED = 3
-"""How often the one word of an otherwise numeric column must occur to mean "no sample"."""
+_MIN_HEXADECIMAL = 3
+"""Cells with a letter in a column of hexadecimal words."""
 
 
 class CellKinds(dict[str, CellKind]):
@@ -328,8 +319,6 @@ class ColumnType:
     """How many of its cells are numbers, of whatever form."""
     measured: bool = False
     """True where most of the numbers are followed by their unit."""
-    words: frozenset[str] = frozenset()
-    """The one text, in lower case, that an otherwise numeric column repeats: it says "no sample"."""
 
     def suits(self, other: ColumnType) -> bool:
         """True where both may be parts of one column."""
@@ -338,9 +327,7 @@ class ColumnType:
     def judge(self, cell: str, kinds: CellKinds) -> Literal["fits", "missing", "strange"]:
         """Whether a cell may be in this column; in one of text any cell is "missing", because it tells nothing."""
         kind = kinds[cell]
-        if kind in ("missing", "word") or cell.lower() in self.words:
-            return "missing"
-        if self.kind in ("text", "empty"):
+        if kind in ("missing", "word") or self.kind in ("text", "empty"):
             return "missing"
         if kind == "measure" and not self.measured:
             return "strange"  # `5V` above numbers is a name
@@ -356,13 +343,9 @@ def column_type(cells: Sequence[str], kinds: CellKinds) -> ColumnType:
     stamps, texts = counts["stamp"], counts["text"]
     if not numbers + stamps + texts:
         return ColumnType("empty")
-    is_even = texts >= _MIN_REPEATED and len({len(cell) for cell in cells}) == 1
+    is_even = texts >= _MIN_HEXADECIMAL and len({len(cell) for cell in cells}) == 1
     if is_even and all(map(_HEXADECIMAL.fullmatch, cells)):
         return ColumnType("text")  # 4E, 1f03, 0x1A: those without a letter are no decimal numbers
-    if numbers >= _MIN_REPEATED and texts >= _MIN_REPEATED and not stamps:
-        said = {cell.lower() for cell in cells if kinds[cell] == "text"}
-        if len(said) == 1 and texts <= numbers:
-            return ColumnType("number", numbers, measured, frozenset(said))
     if numbers >= max(stamps, texts):
         return ColumnType("number", numbers, measured)
     return ColumnType("stamp" if stamps >= texts else "text", numbers)

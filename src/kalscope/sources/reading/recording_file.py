@@ -57,8 +57,8 @@ _MAX_SHARE, _MAX_RUN = 0.3, 3
 """Largest share of the samples, and longest run in the median, of a code that may be a reading; more is a state."""
 _MIN_RETURNS = 0.75
 """Least share of its runs after which the signal continues where it was."""
-_MAX_CODES, _MIN_DISTINCT = 4, 3
-"""Most codes of one channel, and fewest values beside one: a switch and an event marker have fewer."""
+_MIN_DISTINCT = 3
+"""Fewest values beside a code: a switch and an event marker have fewer."""
 _SAMPLE = 20_000
 
 _SURE = {
@@ -87,8 +87,9 @@ def suggest_missing(values: Array, names: Sequence[str], ends: Extremes) -> list
     """
     found: dict[float, list[int]] = {}
     for i, (low, high) in enumerate(zip(*ends, strict=True)):
-        for value in _codes(values[:, i], float(low), float(high)):
-            found.setdefault(value, []).append(i)
+        for value in {float(low), float(high)}:
+            if _stands_out(values[:, i], value, _surety(value)):
+                found.setdefault(value, []).append(i)
     questions: list[str] = []
     for value, channels in found.items():
         often = sum(int(np.count_nonzero(values[:, i] == value)) for i in channels)
@@ -100,21 +101,6 @@ def suggest_missing(values: Array, names: Sequence[str], ends: Extremes) -> list
             )
         )
     return questions
-
-
-def _codes(samples: Array, low: float, high: float) -> list[float]:
-    """The codes of one channel, from the ends of its samples inwards."""
-    found: list[float] = []
-    while len(found) < _MAX_CODES:
-        ends = {value: sure for value in (low, high) if (sure := _surety(value))}
-        rest = samples[np.isfinite(samples) & ~np.isin(samples, found)] if ends else samples
-        code = next((value for value, sure in ends.items() if _stands_out(samples, rest, value, sure)), None)
-        if code is None:
-            break
-        found.append(code)
-        rest = rest[rest != code]
-        low, high = float(rest.min()), float(rest.max())
-    return found
 
 
 def _surety(value: float) -> int:
@@ -129,9 +115,11 @@ def _surety(value: float) -> int:
 
 
 @np.errstate(over="ignore", invalid="ignore")  # near the ends of float64
-def _stands_out(samples: Array, rest: Array, value: float, sure: int) -> bool:
+def _stands_out(samples: Array, value: float, sure: int) -> bool:
     """Whether a code occurs often enough, far from the rest, and, unless it is sure, only for moments."""
-    here, rest = samples == value, rest[rest != value]
+    if not sure:
+        return False
+    here, rest = samples == value, samples[np.isfinite(samples) & (samples != value)]
     some = rest[:: max(1, rest.size // _SAMPLE)]
     least = _MIN_SURE if sure == 2 else max(_MIN_UNSURE, samples.size // 2000)
     if np.count_nonzero(here) < least or np.unique(some).size < _MIN_DISTINCT:

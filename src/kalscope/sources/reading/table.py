@@ -12,6 +12,7 @@ from itertools import groupby
 from typing import Literal, NamedTuple
 
 from kalscope.sources.grammar.cells import (
+    COMMENT_MARKS,
     are_units,
     is_blank,
     is_comment,
@@ -52,10 +53,10 @@ MAX_ABOVE = 0.2
 """Largest share of the rows that may be another table above the names, of calibration for instance."""
 _WAYS = [re.compile(pattern) for pattern in (",", r"[ \t]+(?![\[(])", r"[ \t]{2,}|\t")]
 """How names above columns that blanks separate may be: at commas, with units in brackets, at wide gaps."""
-_RULED = frozenset("-=_+|:;, \t")
+_RULED = frozenset("-=_+|:;,#%/ \t")
 """Characters of a ruled line below the names."""
-_MAX_NAME = 40
-"""A longer single cell above a column of numbers is a sentence."""
+_MAX_NAME, _MAX_WORDS = 40, 3
+"""A longer single cell above a column of numbers is a sentence, and so is a comment of more words a cell."""
 
 Row = tuple[int, Cells]
 """Line number, from 1, and the cells of a line."""
@@ -102,10 +103,11 @@ class Body:
     """Columns that are filled in the first rows only: metadata beside the data."""
 
 
-def find_body(lines: list[HeadLine], table: HeadTable, plan: Plan, kinds: CellKinds) -> Body:
+def find_body(head: Sequence[str], lines: list[HeadLine], table: HeadTable, plan: Plan, kinds: CellKinds) -> Body:
     """The rows of a table among the lines of a file.
 
     Args:
+        head: The first lines of the file.
         lines: The lines that may hold data.
         table: How they are split.
         plan: What is decided already.
@@ -119,7 +121,7 @@ def find_body(lines: list[HeadLine], table: HeadTable, plan: Plan, kinds: CellKi
     grid = _Grid(lines, table, body, kinds)
     first = grid.first_row(plan.preface.first_row)
     rows = grid.rows_from(first) or list(table.rows[:1])
-    return Body(tuple(rows), first, grid.above(first), _types(rows, table.width, kinds), beside)
+    return Body(tuple(rows), first, grid.above(first, head), _types(rows, table.width, kinds), beside)
 
 
 def _types(rows: Sequence[Row], width: int, kinds: CellKinds) -> tuple[ColumnType, ...]:
@@ -239,24 +241,43 @@ class _Grid:
             if line.number >= first and line.fit in ("row", "partial", "void")
         ]
 
-    def above(self, first: int) -> tuple[Row, ...]:
-        """(line number, cells) of the lines of text right above the first row that may name its columns."""
-        found: list[Row] = []
+    def above(self, first: int, head: Sequence[str]) -> tuple[Row, ...]:
+        """(line number, cells) of the lines above the first row that may name its columns, nearest first.
+
+        Comments are prose more often than names: only the nearest count, and below other names only units.
+        """
         lines = [line for line in self._lines if line.number < first][-MAX_HEADER_LINES:]
         if [(line.fit, len(line.cells)) for line in lines[-2:]] == [("text", self._table.width), (None, 1)]:
             lines.pop()  # `Step Information: R=1K` below the names
-        for line in reversed(lines):
-            if set(line.text) - _RULED:
-                cells = header_cells(line.text, self._table.form.delimiter, self._least)
-                if not found and len(cells) < self._least and are_units(cells):
-                    continue  # above some of the columns, nobody knows which
-                if not self._may_name(cells):
-                    break
-                found.append((line.number, cells))
+        plain = {line.number: line.text for line in lines}
+        remarks = {i: text for i, text in enumerate(head[: first - 1], 1) if is_comment(text)}
+        found, closed = list[Row](), set[bool]()
+        for number, text in sorted((plain | remarks).items(), reverse=True):
+            is_remark = number in remarks
+            if is_remark in closed or not set(text) - _RULED:
+                continue
+            cells = header_cells(text, self._table.form.delimiter, self._least)
+            is_aligned = self._table.form.delimiter == " " and not is_remark and not found
+            if is_aligned and len(cells) < self._least and are_units(cells):
+                continue  # above some of the columns, nobody knows which
+            if self._are_listed(cells) if is_remark else self._may_name(cells):
+                found.append((number, cells))
+            else:
+                closed.add(is_remark)
+        if any(number in plain and not are_units(cells) for number, cells in found):
+            found = [row for row in found if row[0] in plain or are_units(row[1])]
         widths = [len(line.cells) for line in lines]
-        if found and len(found[0][1]) < self._least and widths.count(len(found[0][1])) > 1:
+        if found and found[0][0] in plain and len(found[0][1]) < self._least and widths.count(len(found[0][1])) > 1:
             return ()  # `Gain;24` above `Site;Barn 7` are pairs, not names
         return tuple(found)
+
+    def _are_listed(self, cells: Cells) -> bool:
+        """True for a comment that is a list of names, as `# time ax ay` of numpy.savetxt, not a sentence."""
+        width, names = self._table.width, cells[: max((i for i, cell in enumerate(cells, 1) if cell), default=0)]
+        is_full = len(names) <= width and all(kind.kind == "empty" for kind in self._types[len(names) :])
+        numeric = any(self._kinds[name] in ("number", "stamp", "missing") for name in names)
+        are_names = len(names) > 0 and is_full and not numeric and all(map(_is_name, names))
+        return width > 1 and (are_names or (len(cells) == width and are_units(cells)))
 
     def _may_name(self, cells: Cells) -> bool:
         """True for text in about as many cells as a row has."""
@@ -272,13 +293,23 @@ class _Grid:
         return fits and any(cells) and not numeric and not cells[0].endswith(("=", ":"))
 
 
+def _is_name(text: str) -> bool:
+    """A few words, perhaps with their unit in brackets or after a comma: not a sentence."""
+    bare = text.partition("[")[0].partition("(")[0].strip()
+    short = 0 < len(bare) <= _MAX_NAME and len(bare.split()) <= _MAX_WORDS
+    return short and not bare.endswith(":") and not any(mark in bare for mark in "\t;|")
+
+
 def header_cells(text: str, delimiter: str, width: int) -> Cells:
-    """The cells of a line above `width` columns.
+    """The cells of a line above `width` columns, a comment or not; in `#,level,flow` the mark is a name itself.
 
     Names of columns that blanks separate may be separated otherwise: `t [us]   torque`, `Air Temp  Rel Hum`. Names
     above tabs may be as well.
     """
     cells = tuple(split_fields(text, delimiter))
+    if is_comment(text) and (delimiter == " " or next(filter(None, cells)) not in COMMENT_MARKS):
+        text = text.strip().lstrip("#%/").strip()
+        cells = tuple(split_fields(text, delimiter))
     if len(cells) in (width, 0) or (delimiter != " " and (delimiter != "\t" or len(cells) > 1)):
         return cells
     ways = (tuple(cell.strip() for cell in way.split(text.strip())) for way in _WAYS)
@@ -292,8 +323,8 @@ def header_cells(text: str, delimiter: str, width: int) -> Cells:
 
 _MAX_CELLS = 4096
 """A line of more cells is not a row of any table."""
-MIN_RUN, MIN_NAMED_RUN = 8, 3
-"""Successive lines of another width that mean a new field, not damage; and how many below its name."""
+MIN_RUN = 3
+"""Successive lines of another width that mean a new field, not damage."""
 MAX_JUDGED = 500
 """Rows of a run by which two widths are compared."""
 _BEGIN = re.compile(
@@ -427,15 +458,13 @@ def _grown_width(rows: list[Row], above: Iterable[Row], width: int, kinds: CellK
         kinds: The kinds of cells.
     """
     runs = [list(run) for _, run in groupby(rows, key=lambda row: len(row[1]))]
-    runs = [run for run in runs if len(run) >= MIN_NAMED_RUN and len(run[0][1]) > 1]
-    # `Gain,24` above the names may look like the first row of the first run.
-    begin, widest = runs[0][1][0] if runs else 0, max((len(run[0][1]) for run in runs), default=0)
+    runs = [run for run in runs if len(run) >= MIN_RUN and len(run[0][1]) > 1]
+    begin = runs[0][1][0] if runs else 0  # `Gain,24` above the names may look like the first row of the first run
     texts = (cells for number, cells in above if number < begin and only_text(cells, kinds.decimal))
     named = len(next(texts, ()))
     long: dict[int, list[Row]] = {}
     for run in runs:
-        if len(run) >= (MIN_NAMED_RUN if named == widest else MIN_RUN):
-            long.setdefault(len(run[0][1]), []).extend(run[:MAX_JUDGED])
+        long.setdefault(len(run[0][1]), []).extend(run[:MAX_JUDGED])
     if rows and width < named == len(rows[0][1]):
         long.setdefault(named, rows[:1])  # it alone holds what is the same in all: a serial number
     if len(long) < 2 or width not in long:
