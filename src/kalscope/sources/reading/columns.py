@@ -239,8 +239,8 @@ _NUMERIC_CHARACTERS = "0123456789.,+-eE;| \t"
 _MIN_SHAPE, _MIN_JUDGED = 8, 3
 """Characters from which the shape of a cell shows a stamp, and how many cells of the shape must agree."""
 _HEXADECIMAL = re.compile(r"(?:0[xX])?[0-9A-Fa-f]{2,16}")
-_MIN_HEXADECIMAL = 3
-"""Cells with a letter in a column of hexadecimal words."""
+_MIN_TEXTS = 3
+"""Cells of text by which a column of hexadecimal words, or a word that says "no sample", is known."""
 
 
 class CellKinds(dict[str, CellKind]):
@@ -319,6 +319,8 @@ class ColumnType:
     """How many of its cells are numbers, of whatever form."""
     measured: bool = False
     """True where most of the numbers are followed by their unit."""
+    words: frozenset[str] = frozenset()
+    """The one text, in lower case, that an otherwise numeric column repeats: it says "no sample"."""
 
     def suits(self, other: ColumnType) -> bool:
         """True where both may be parts of one column."""
@@ -327,7 +329,7 @@ class ColumnType:
     def judge(self, cell: str, kinds: CellKinds) -> Literal["fits", "missing", "strange"]:
         """Whether a cell may be in this column; in one of text any cell is "missing", because it tells nothing."""
         kind = kinds[cell]
-        if kind in ("missing", "word") or self.kind in ("text", "empty"):
+        if kind in ("missing", "word") or self.kind in ("text", "empty") or cell.lower() in self.words:
             return "missing"
         if kind == "measure" and not self.measured:
             return "strange"  # `5V` above numbers is a name
@@ -343,11 +345,14 @@ def column_type(cells: Sequence[str], kinds: CellKinds) -> ColumnType:
     stamps, texts = counts["stamp"], counts["text"]
     if not numbers + stamps + texts:
         return ColumnType("empty")
-    is_even = texts >= _MIN_HEXADECIMAL and len({len(cell) for cell in cells}) == 1
+    is_even = texts >= _MIN_TEXTS and len({len(cell) for cell in cells}) == 1
     if is_even and all(map(_HEXADECIMAL.fullmatch, cells)):
         return ColumnType("text")  # 4E, 1f03, 0x1A: those without a letter are no decimal numbers
     if numbers >= max(stamps, texts):
-        return ColumnType("number", numbers, measured)
+        said = frozenset(cell.lower() for cell in cells if kinds[cell] == "text")
+        return ColumnType(
+            "number", numbers, measured, said if len(said) == 1 and texts >= _MIN_TEXTS else frozenset()
+        )
     return ColumnType("stamp" if stamps >= texts else "text", numbers)
 
 

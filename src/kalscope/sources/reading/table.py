@@ -202,22 +202,18 @@ class _Grid:
         if not data:
             return self._table.rows[0][0]
         whole = next((i for i in data if lines[i].fit == "row"), data[0])
-        texts = [line.text if line.fit == "text" else "" for line in lines[: whole + 1]]
-        # A text that repeats at once is no names, but ERR in place of a sample.
-        above = [
-            i
-            for i in range(best, whole)
-            if self._is_label(lines[i]) or (texts[i] and texts[i] not in (texts[i - 1], texts[i + 1]))
-        ]
+        # A text that repeats at once is no names and no label, but ERR in place of a sample.
+        texts = [line.text if line.fit == "text" else self._label_of(line) for line in lines[: whole + 1]]
+        above = [i for i in range(best, whole) if texts[i] and texts[i] not in (texts[i - 1], texts[i + 1])]
         start = max(above, default=best - 1) + 1
         return next(line.number for line in lines[start:] if line.fit is not None)
 
-    def _is_label(self, line: _Line) -> bool:
-        """True for text above numbers: `Sample rate,100`, and a stamp beside names, `08:30:05 CPU %user %nice`."""
-        judged = zip(self._types, line.cells, strict=False)
+    def _label_of(self, line: _Line) -> str:
+        """Text above numbers, `Sample rate,100`, or names beside a stamp, `08:30:05 CPU %user %nice`; else ""."""
+        judged, first = zip(self._types, line.cells, strict=False), line.cells[0]
         texts = {cell for kind, cell in judged if kind.judge(cell, self._kinds) == "strange"}
         named = len(texts) > max(1, sum(self._kinds[cell] in NUMERIC for cell in line.cells))
-        return line.fit == "partial" and (named or (line.cells[0] in texts and line.cells[0][0].isalpha()))
+        return first if line.fit == "partial" and (named or (first in texts and first[0].isalpha())) else ""
 
     def _begins_anew(self, line: _Line, above: Sequence[_Line], below: Sequence[_Line]) -> bool:
         """True for names that differ from those above, below an empty line or one that is not of the table.
@@ -254,9 +250,10 @@ class _Grid:
         found, closed = list[Row](), set[bool]()
         for number, text in sorted((plain | remarks).items(), reverse=True):
             is_remark = number in remarks
-            if is_remark in closed or not set(text) - _RULED:
-                continue
             cells = header_cells(text, self._table.form.delimiter, self._least)
+            is_ruled = not set(text) - _RULED and not (len(cells) > 1 and are_units(cells))
+            if is_remark in closed or is_ruled:
+                continue
             is_aligned = self._table.form.delimiter == " " and not is_remark and not found
             if is_aligned and len(cells) < self._least and are_units(cells):
                 continue  # above some of the columns, nobody knows which
@@ -287,10 +284,11 @@ class _Grid:
         else:
             # Split at blanks, any sentence has several cells.
             prose = self._table.form.delimiter == " "
-            low, high = (self._least - 1, width) if prose else (self._least // 2, 2 * width)
+            low, high = (self._least - 1, width) if prose else (self._least - self._least // 2, 2 * width)
             fits = max(2, low) <= len(cells) <= high and not (prose and cells[-1].endswith((".", ":")))
         numeric = any(self._kinds[cell] in ("number", "stamp") for cell in cells if cell)
-        return fits and any(cells) and not numeric and not cells[0].endswith(("=", ":"))
+        is_setting = cells[0].endswith(("=", ":")) or (len(cells) == 2 and self._kinds[cells[1]] == "measure")
+        return fits and any(cells) and not numeric and not is_setting
 
 
 def _is_name(text: str) -> bool:
