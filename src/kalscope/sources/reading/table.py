@@ -202,9 +202,11 @@ class _Grid:
         if not data:
             return self._table.rows[0][0]
         whole = next((i for i in data if lines[i].fit == "row"), data[0])
-        # A text that repeats at once is no names and no label, but ERR in place of a sample.
+        # A word that repeats at once is no names and no label, but ERR in place of a sample.
         texts = [line.text if line.fit == "text" else self._label_of(line) for line in lines[: whole + 1]]
-        above = [i for i in range(best, whole) if texts[i] and texts[i] not in (texts[i - 1], texts[i + 1])]
+        names = {i for i in range(best, whole) if lines[i].fit == "text" and len({*lines[i].cells}) > 1}
+        once = {i for i in range(best, whole) if texts[i] and texts[i] not in (texts[i - 1], texts[i + 1])}
+        above = names | once
         start = max(above, default=best - 1) + 1
         return next(line.number for line in lines[start:] if line.fit is not None)
 
