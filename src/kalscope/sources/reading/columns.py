@@ -199,7 +199,7 @@ def distinct_names(names: list[str]) -> tuple[str, ...]:
     return tuple(distinct)
 
 
-# What is decided before anything is weighed: by the user, else by the rules of the instrument.
+# What is decided before anything is weighed: by the user, else by what the file says above its table.
 
 
 class Plan(NamedTuple):
@@ -226,9 +226,9 @@ def make_plan(head: Sequence[str], options: ReadOptions) -> Plan:
     preface = find_preface(head)
     if names is not None or options.header is not None:
         row = 0 if names is None and options.header is False else names
-        preface = replace(preface, names=(), header_row=row)
+        preface = replace(preface, header_row=row)
     if units is not None:
-        preface = replace(preface, units=(), unit_row=units)
+        preface = replace(preface, unit_row=units)
     first = max(preface.first_row or 1, (names or 0) + 1, (units or 0) + 1)
     return Plan(options, replace(preface, first_row=first))
 

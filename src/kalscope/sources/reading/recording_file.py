@@ -211,7 +211,7 @@ def assemble(reading: Reading, options: ReadOptions, sample_period: float | None
     if layout.time is None:
         if options.time_unit is not None:
             raise BadSetting(f"time_unit needs a time column (got {options.time_unit!r} and no time)")
-        axis = counted_time(len(values), given, layout.offset, layout.start)
+        axis = counted_time(len(values), given, layout.start)
     else:
         stamps = reading.columns[layout.time.index]
         axis = read_time(stamps, layout.time, options.time_unit, given, options.gaps, layout.start)

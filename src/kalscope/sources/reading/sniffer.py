@@ -91,13 +91,12 @@ def leading_label(rows: Sequence[Cells], labels: Sequence[int]) -> int | None:
 # The sentences that explain a layout, and that name another one that could be meant.
 
 
-def explain(head: Sequence[str], table: HeadTable, plan: Plan, body: Body, second: HeadTable | None) -> list[str]:
+def explain(head: Sequence[str], table: HeadTable, body: Body, second: HeadTable | None) -> list[str]:
     """How the lines are split, what is beside the data, and which other way comes close."""
-    form, instrument = table.form, plan.preface.instrument
+    form = table.form
     mark = {"\t": "tabs", " ": "blanks"}.get(form.delimiter, f'"{form.delimiter}"')
     beside, fields = ", ".join(str(i + 1) for i in sorted(body.beside)), " or ".join(map(str, sorted(table.narrow)))
     facts = (
-        (instrument, f"written by {instrument}"),
         (form.kind == "table", f'columns are separated by {mark}, the decimal mark is "{form.decimal}"'),
         (form.checksum, "each line ends with a checksum, which is checked"),
         (form.stamped, "the stamp before each line is the time"),
@@ -231,15 +230,13 @@ def read_header(
     if plan.preface.unit_row is not None:
         unit_row = _row(head, plan.preface.unit_row, table)
     listed, listed_units = _listed(settings, table, body)
-    names, notes, columns = plan.preface.names or listed, ["no header line"], [Column("")] * table.width
-    if plan.preface.names:
-        notes = []
-    elif rows:
+    names, notes, columns = listed, ["no header line"], [Column("")] * table.width
+    if rows:
         columns, notes = _named(rows[-1], table, body)
         notes[0] += f", units from line {unit_row[0]}" if unit_row else ""
     elif names:
         notes = ["names from the lines above the table"]
-    units = plan.preface.units or (unit_row[1] if unit_row is not None else listed_units)
+    units = unit_row[1] if unit_row is not None else listed_units
     named = {i: named_column(name) for i, name in enumerate(names) if name}
     known = {columns[i].name for i in named}
     for i, column in named.items() if known == {""} or len(known) < min(2, len(named)) else ():
@@ -263,7 +260,7 @@ def _row(head: Sequence[str], number: int | None, table: HeadTable) -> Row | Non
 def _find(head: Sequence[str], table: HeadTable, body: Body, plan: Plan, kinds: CellKinds) -> tuple[list[Row], int]:
     """The rows of units, of what was done to each column, and of names, nearest to the data first; the first row.
 
-    What the user or the rules of an instrument choose comes first.
+    What the user or the rule of an instrument chooses comes first.
     """
     above, chosen = list(body.above), plan.preface.header_row
     if chosen is not None:
@@ -398,8 +395,6 @@ class Layout:
     """Sample period in s that the file itself gives; None where it gives none."""
     start: float | None = None
     """What second 0 of the stamps is, or the first sample where there are none, in s since 1970; None: unknown."""
-    offset: float = 0.0
-    """Stamp of the first sample in s where no column is the time: an oscilloscope counts from its trigger."""
     lead: int | None = None
     """Column of the label that begins a row where several lines make up one; None where each line is a row."""
 
@@ -473,7 +468,7 @@ def _layout(
     lead = leading_label(cells, channels) if in_turns else None
     above = sum(number < header.first for number, _ in table.rows)
     notes = (
-        *explain(head, table, plan, body, second),
+        *explain(head, table, body, second),
         *about_numbers,
         *([Assumption(f"{above} lines of numbers above the table are left out")] if above > 1 else []),
         *header.notes,
@@ -494,7 +489,6 @@ def _layout(
         narrow=table.narrow,
         period=plan.preface.period,
         start=plan.preface.start,
-        offset=plan.preface.offset,
         lead=lead,
     )
 

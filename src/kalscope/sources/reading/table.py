@@ -120,8 +120,7 @@ def find_body(lines: list[HeadLine], table: HeadTable, plan: Plan, kinds: CellKi
     """
     least = plan.preface.first_row or 1
     rows = [row for row in table.rows if row[0] >= least] or list(table.rows)
-    left_out = {i for i in plan.preface.left_out if i < table.width}
-    beside, types = _beside(rows, table.width, kinds) | left_out, _types(rows, table.width, kinds)
+    beside, types = _beside(rows, table.width, kinds), _types(rows, table.width, kinds)
     body = Body(tuple(rows), rows[0][0], (), types, beside)
     if table.form.kind != "table":
         return body
