@@ -227,9 +227,7 @@ def make_plan(head: Sequence[str], options: ReadOptions) -> Plan:
     if names is not None or options.header is not None:
         row = 0 if names is None and options.header is False else names
         preface = replace(preface, header_row=row)
-    if units is not None:
-        preface = replace(preface, unit_row=units)
-    first = max(preface.first_row or 1, (names or 0) + 1, (units or 0) + 1)
+    first = max(preface.first_row, (names or 0) + 1, (units or 0) + 1)
     return Plan(options, replace(preface, first_row=first))
 
 

@@ -30,9 +30,7 @@ class Preface:
 
     header_row: int | None = None
     """Line number, from 1, of the row of names; 0 where there is none."""
-    unit_row: int | None = None
-    """Line number, from 1, of the row of units; 0 where there is none."""
-    first_row: int | None = None
+    first_row: int = 1
     """Line number, from 1, of the first row of the table."""
     time_column: int | str | None = None
     """Column, from 0, of the time; "none" where the table has none."""

@@ -227,8 +227,8 @@ def read_header(
     told = (i for i in range(place + 1, len(above)) if not idle[i])
     rows = above[: next(told, place + 1) + 1]
     unit_row = above[place] if place >= 0 else None
-    if plan.preface.unit_row is not None:
-        unit_row = _row(head, plan.preface.unit_row, table)
+    if plan.options.unit_row is not None:
+        unit_row = _row(head, plan.options.unit_row, table)
     listed, listed_units = _listed(settings, table, body)
     names, notes, columns = listed, ["no header line"], [Column("")] * table.width
     if rows:
@@ -264,7 +264,7 @@ def _find(head: Sequence[str], table: HeadTable, body: Body, plan: Plan, kinds: 
     """
     above, chosen = list(body.above), plan.preface.header_row
     if chosen is not None:
-        units = [row for row in above if row[0] > chosen and are_units(row[1]) and plan.preface.unit_row is None]
+        units = [row for row in above if row[0] > chosen and are_units(row[1]) and plan.options.unit_row is None]
         names = _row(head, chosen, table)
         return ([*units[-1:], names] if names else []), body.first
     commented = None if plan.options.header else _commented_header(head, table, body, kinds)

@@ -118,14 +118,13 @@ def find_body(lines: list[HeadLine], table: HeadTable, plan: Plan, kinds: CellKi
         plan: What is decided already.
         kinds: The kinds of cells by the table's decimal mark.
     """
-    least = plan.preface.first_row or 1
-    rows = [row for row in table.rows if row[0] >= least] or list(table.rows)
+    rows = [row for row in table.rows if row[0] >= plan.preface.first_row] or list(table.rows)
     beside, types = _beside(rows, table.width, kinds), _types(rows, table.width, kinds)
     body = Body(tuple(rows), rows[0][0], (), types, beside)
     if table.form.kind != "table":
         return body
     grid = _Grid(lines, table, body, kinds)
-    first = grid.first_row(least)
+    first = grid.first_row(plan.preface.first_row)
     rows = grid.rows_from(first) or list(table.rows[:1])
     return Body(tuple(rows), first, grid.above(first), _types(rows, table.width, kinds), beside)
 
