@@ -2,6 +2,7 @@
 
 import random
 from datetime import datetime, timedelta
+from itertools import pairwise
 
 import pytest
 from each import each
@@ -86,7 +87,7 @@ def test_a_date_and_a_clock_beside_it_are_one_time(date, clock, is_date_first):
     time = find_time(columns, rows, ".", named=True, options=ReadOptions(day_first=day_first))
     assert sorted(time.indices) == [0, 1]
     parse = row_stamp_parser(time, ".")
-    steps = {b - a for a, b in zip(map(parse, rows), map(parse, rows[1:]), strict=False)}
+    steps = {b - a for a, b in pairwise(map(parse, rows))}
     assert steps == {700e6}
 
 
@@ -125,13 +126,21 @@ def test_date_columns_without_a_header_are_known_by_their_ranges(has_day_of_year
     assert parse(rows[5]) - parse(rows[0]) == 300e6
 
 
-def test_columns_that_repeat_a_part_of_the_time_are_taken_with_it():
-    parts = {name: stamps(code, 3600) for name, code in SIX.items()}
-    named = {"Date/Time": iso(3600), **parts, "hr": NOISE}
-    time = time_of(named)
-    assert (time.indices, time.also) == ((0,), (1, 2, 3, 4, 5, 6))
-    parts["Day"] = parts["Day"][::-1]  # a day of something else
-    assert time_of({"Date/Time": iso(3600), "Day": parts["Day"], "a": NOISE}).also == ()
+@each(
+    ("names", "codes", "step"),
+    [
+        ("sec msec", (lambda t: t // 1000, lambda t: t % 1000), 40),
+        ("secs nsecs", (lambda t: t // 1000, lambda t: t % 1000 * 10**6), 40e6),
+        ("week tow_ms", (lambda t: t // 604_800_000, lambda t: t % 604_800_000), 40),
+    ],
+)
+def test_a_column_that_counts_the_turns_of_the_next_is_taken_with_it(names, codes, step):
+    cells = ([str(code(1_709_769_599_000 + 40 * i)) for i in range(N)] for code in codes)
+    columns, rows = made({**dict(zip(names.split(), cells, strict=True)), "a": NOISE})
+    time = find_time(columns, rows, ".", named=True)
+    assert time.indices == (0, 1)
+    read = [row_stamp_parser(time, ".")(row) for row in rows]
+    assert [b - a for a, b in pairwise(read)] == pytest.approx([step] * (N - 1), abs=256)
 
 
 def test_a_damaged_part_is_no_stamp():

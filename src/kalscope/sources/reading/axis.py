@@ -13,7 +13,7 @@ from kalscope.common.text import count, duration, percent, sample_rate
 from kalscope.errors import BadSetting
 from kalscope.recording import Assumption, Gaps, RateSource, Recording, Stamps, Timing
 from kalscope.sources.grammar.cells import SECONDS_PER_UNIT
-from kalscope.sources.grammar.timestamps import TimeColumn
+from kalscope.sources.grammar.timestamps import TimeColumn, find_epoch, times, unwrap
 
 # What the steps between stamps look like: a step per sample, a coarse clock, bursts, or samples that are lost.
 
@@ -380,14 +380,6 @@ def steps_words(jitter: float) -> str:
 
 
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
-_DAY_NUMBERS = (
-    (20_000.0, 80_000.0, 25_569.0),  # spreadsheets: 1954 to 2119
-    (725_000.0, 770_000.0, 719_529.0),  # MATLAB's datenum: 1984 to 2108
-    (2_440_000.0, 2_490_000.0, 2_440_587.5),  # Julian dates: 1968 to 2105
-)
-"""Lowest and highest number of a day that is counted from a date long ago, and the number of 1970-01-01."""
-_SHEETS_FROM = 40_000.0
-"""2009: smaller numbers without a name are no days."""
 _MINUTE_JITTER, _LONG_STEP_MS, _WEEK_MS = 100, 100_000, 5e8
 """Milliseconds: by how much a step of minutes may miss them, the longest step, and the latest stamp, of 6 days."""
 _EXACT = 0.95
@@ -397,23 +389,21 @@ _WHOLE_SECOND = 0.02
 
 
 def unit_by_magnitude(stamps: Array) -> str:  # noqa: PLR0911 (one for each rule)
-    """Unit of numeric stamps that name none: epoch stamps by their size, others by their step.
+    """Unit of numeric stamps that name none: those that count from a date by their size, others by their step.
 
     Whole numbers are milliseconds, as of `millis()`: their steps vary, repeat, or do not start at 0. They are
     seconds where they count from 0 in equal steps of up to a minute, and where their steps are whole minutes that
     divide an hour, or hours; microseconds where milliseconds would mean weeks, or minutes between two samples.
-    Fractions are seconds, or days where they are numbers of days that lie whole seconds apart (45123.506944444).
+    Fractions are seconds, or days that lie whole seconds apart (45123.506944444, or 0.506944444 of a day).
     """
     low, high = float(stamps.min()), float(stamps.max())
-    step = _median_step(stamps[:100_000])
+    step, epoch = _median_step(stamps[:100_000]), find_epoch(stamps)
     # The head is checked first: most stamps with fractions show them there.
     whole = all(bool(np.all(part == np.floor(part))) for part in (stamps[:1000], stamps))
-    for size, unit in ((1e9, "s"), (1e12, "ms"), (1e15, "us"), (1e18, "ns")):
-        # 2001 to 2100; whole seconds that step by thousands but not by minutes are a counter of µs.
-        counter = unit == "s" and whole and step >= 1000 and step % 60 != 0
-        if size <= low and high < 4.2 * size and not counter:
-            return unit
-    if not whole and low >= _SHEETS_FROM and _day_of_1970(stamps) is not None and _are_seconds_in_days(stamps):
+    # Whole seconds that step by thousands but not by minutes are a counter of µs.
+    if epoch is not None and not (epoch.unit == "s" and whole and step >= 1000 and step % 60 != 0):
+        return epoch.unit
+    if not whole and _are_seconds_in_days(stamps):
         return "day"
     in_minutes = abs(step - 60_000 * round(step / 60_000)) <= _MINUTE_JITTER
     if not whole or step < 2:
@@ -427,18 +417,16 @@ def unit_by_magnitude(stamps: Array) -> str:  # noqa: PLR0911 (one for each rule
     return "ns" if step >= 2e6 and high > 2.0**32 else "us"
 
 
-def _day_of_1970(stamps: Array) -> float | None:
-    """The number of 1970-01-01, where all stamps are numbers of days in one of the usual counts."""
-    low, high = float(stamps.min()), float(stamps.max())
-    return next((day for first, last, day in _DAY_NUMBERS if first <= low and high <= last), None)
-
-
 def _are_seconds_in_days(stamps: Array) -> bool:
-    """True where stamps of many decimals are whole seconds, up to an hour, apart as days: 1/144 is 10 min."""
-    many = np.abs(stamps * 1e5 - np.round(stamps * 1e5)) > 0.01
-    seconds: Array = (stamps - stamps[0]) * 86400.0
-    near = np.abs(seconds - np.round(seconds)) <= _WHOLE_SECOND
-    return float(many.mean()) >= 0.5 and float(near.mean()) >= 0.99 and 0.5 < _median_step(seconds) < 3601
+    """True where stamps are whole seconds, up to an hour, apart as days: 1/144 is 10 min.
+
+    A multiple of 27 s is a day number of few decimals, as seconds have as well: 1/1600, 1/128.
+    """
+    some = stamps[:1000]
+    seconds: Array = (some - some[0]) * 86400.0
+    whole = np.round(seconds)
+    near = float(np.mean(np.abs(seconds - whole) <= _WHOLE_SECOND))
+    return near >= 0.99 and float(np.mean(whole % 27 != 0)) >= 0.5 and 0.5 < _median_step(seconds) < 3601
 
 
 _NEIGHBOURS = {"s": ("ms",), "ms": ("s", "us"), "us": ("ms", "ns"), "ns": ("us",)}
@@ -453,34 +441,24 @@ def to_seconds(
     their second 0 is `start`, in s since 1970, where that is known. Their unit may be `stated` by the file.
     """
     first = float(stamps[0])
-    if column.kind == "calendar":
-        return (stamps - first) / 1e6, f"time counts from the first stamp, {date_text(first * 1e-6)}"
-    if column.kind == "clock":
-        # A clock that jumps back by more than half a turn has wrapped.
-        turn_s = column.turn_s
-        turns = np.cumsum(np.diff(stamps, prepend=first) < -0.5e6 * turn_s) if turn_s else np.zeros(len(stamps))
-        what = "midnight" if turn_s == 86400.0 else "the hour"
-        passed = f"; the clock passes {what} {times(int(turns[-1]))}" if turns[-1] else ""
-        clock = timedelta(microseconds=first)
-        said = f"time counts from the first stamp, {clock} on the clock{passed}"
-        return (stamps - first) / 1e6 + turn_s * turns, said
+    if column.kind != "number":
+        on_clock = f"{timedelta(microseconds=first)} on the clock"
+        said = date_text(first * 1e-6) if column.kind == "calendar" else on_clock
+        return (stamps - first) / 1e6, f"time counts from the first stamp, {said}"
     unit = column.unit or unit_by_magnitude(stamps)
-    scale, others = SECONDS_PER_UNIT[unit], ""
-    # 2001 to 2100
-    day_of_1970 = 0.0 if scale <= 1 and 1e9 <= first * scale < 4.2e9 else None
-    day_of_1970 = _day_of_1970(stamps) if unit == "day" else day_of_1970
+    scale, others, epoch = SECONDS_PER_UNIT[unit], "", find_epoch(stamps, unit)
     said = f"stamps are read as {unit}"
     if not stated:
-        others = _otherwise(stamps, unit) if day_of_1970 is None else ""
+        others = "" if epoch else _otherwise(stamps, unit)
         said += f" (assumed from their size: {others or '--time-unit changes it'})"
-    if day_of_1970 is not None:
-        said += " since 1970" * (scale <= 1) + f"; time counts from {date_text((first - day_of_1970) * scale)}"
+    if epoch is not None:
+        said += f"; time counts from {date_text((first - epoch.since) * scale)}"
         stamps = stamps - first
     elif start is not None:
         said += f"; time counts from {date_text(start)}"
     # Dividing by 1000 rounds 3 ms to the double nearest 0.003; multiplying by 0.001 may not.
     seconds: Array = stamps / round(1 / scale) if scale < 1 else stamps * scale
-    if day_of_1970 is not None and unit == "day":
+    if unit == "day":
         seconds = seconds.round(3)  # the last of their digits is 10 µs and more
     return seconds, Assumption(said) if others else said
 
@@ -493,11 +471,6 @@ def _otherwise(stamps: Array, unit: str) -> str:
     rates = {other: sample_rate(step * SECONDS_PER_UNIT[other]) for other in (unit, *_NEIGHBOURS[unit])}
     others = [f"{rates[other]} with --time-unit {other}" for other in _NEIGHBOURS[unit]]
     return f"{rates[unit]}; {', '.join(others)}"
-
-
-def times(count: int) -> str:
-    """`once`, `2 times`."""
-    return "once" if count == 1 else f"{count} times"
 
 
 def date_text(seconds: float) -> str:
@@ -674,9 +647,6 @@ def _about_pauses(timing: Timing, gaps: Gaps, n: int) -> list[str]:
 # From stamps to the time of the samples: wraps are undone, steps are judged, every decision is noted.
 
 
-_COUNTERS = {1 << 16: "16-bit counter", 1 << 32: "32-bit counter (millis() or micros())"}
-
-
 @dataclass(frozen=True)
 class GivenPeriod:
     """Sample periods that are known besides the stamps, in s."""
@@ -724,9 +694,9 @@ def read_time(
         start: What second 0 of numeric stamps is, in s since 1970; None where that is not known.
     """
     given = given or GivenPeriod()
-    notes, stated, unit_words = list[str](), True, ""
+    stated, unit_words = True, ""
+    stamps, wrapped = unwrap(stamps, column)
     if column.kind == "number":
-        stamps, notes = unwrap(stamps)
         stated = bool(unit or column.unit)
         column = replace(column, unit=unit or column.unit or unit_by_magnitude(stamps))
         unit_words = column.unit + "s" * (column.unit in ("day", "year")) + " (assumed)" * (not stated)
@@ -735,7 +705,11 @@ def read_time(
     crowded = rate is not None and rate.stamps in ("coarse", "bursts")
     steps = np.diff(time) if rate is None else rate.steps.all
     backward = int(np.count_nonzero(steps < 0)) if steps.size and float(steps.min()) < 0 else 0
-    notes += [how, *_about_order(time, steps, backward, repeated=not crowded)]
+    notes = [
+        *([Assumption(wrapped)] if wrapped else []),
+        how,
+        *_about_order(time, steps, backward, repeated=not crowded),
+    ]
     if rate is None:  # all stamps are one step of a coarse clock, or they step back
         axis = counted_time(len(time), given)
         time = time[0] + axis.time if given.file and len(time) > 1 and not backward else time
@@ -820,26 +794,6 @@ def _supports(rate: SampleRate, stated: float) -> bool:
     mean = float(steps[steps >= 0].mean())
     margin = max(_ALIKE * stated, rate.longest / len(steps))
     return min(rate.period, mean) - margin <= stated <= max(rate.period, mean) + margin
-
-
-def unwrap(stamps: Array) -> tuple[Array, list[str]]:
-    """Unwrap whole stamps that jump back by a counter's full range; return them and remarks about it.
-
-    Only where the step over the wrap is an ordinary one: a device that restarts jumps back to 0 from
-    anywhere, and stays a step back.
-    """
-    back = np.flatnonzero(stamps[1:] < stamps[:-1])
-    size = next((size for size in _COUNTERS if back.size and stamps.min() >= 0 and stamps.max() < size), 0)
-    if not size or np.any(stamps % 1):
-        return stamps, []
-    over = stamps[back + 1] - stamps[back] + size
-    wraps = back[over <= min(50 * _median_step(stamps), size / 4)]
-    if not wraps.size:
-        return stamps, []
-    turns = np.zeros(len(stamps))
-    turns[wraps + 1] = size
-    said = f"the stamps wrap {times(wraps.size)}, like a {_COUNTERS[size]}, and were unwrapped"
-    return stamps + np.cumsum(turns), [said]
 
 
 def _about_order(time: Array, steps: Array, backward: int, *, repeated: bool) -> list[str]:

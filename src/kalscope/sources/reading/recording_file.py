@@ -400,7 +400,7 @@ def _find_time(table: Table, columns: list[Column], options: ReadOptions) -> Tim
     rows, is_named = list(zip(*cells, strict=True)), any(table.names)
     time = None if index is None else chosen_time(columns, rows, ".", index)
     time = find_time(columns, rows, ".", named=is_named) if index is None else time
-    if time is None or time.kind != "number":
+    if time is None or time.kind != "number" or time.parts:
         return None
     column = table.columns[time.index]
     counts = column[0] in (0, 1) and bool(np.all(np.diff(column) == 1))  # beside a rate, the numbers of the samples

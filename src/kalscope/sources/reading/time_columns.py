@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
-from datetime import datetime, timedelta
 from itertools import product, takewhile
 
 import numpy as np
@@ -13,7 +12,7 @@ import numpy as np
 from kalscope.common.numbers import Array
 from kalscope.errors import BadSetting
 from kalscope.recording import Assumption
-from kalscope.sources.grammar.cells import UNIT_OF_WORD, parse_number, words
+from kalscope.sources.grammar.cells import SECONDS_PER_UNIT, UNIT_OF_WORD, parse_number, words
 from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
 from kalscope.sources.grammar.timestamps import (
     CLOCK_PARSERS,
@@ -25,6 +24,7 @@ from kalscope.sources.grammar.timestamps import (
     PartRole,
     TimeColumn,
     TimeName,
+    find_epoch,
     find_stamp_form,
     in_order_is_even,
     judge,
@@ -50,7 +50,7 @@ _DAY_COUNTS = words("jd hjd bjd mjd datenum")
 # Beside these a word of time stays one: "Device Time", "time since start", "Timestamp (Formatted)".
 _FILLERS = words(
     """
-    in of the since from start and utc gmt local host device gps unix system relative rel absolute abs sensor sample
+    in the since from start and utc gmt local host device gps unix system relative rel absolute abs sensor sample
     sampling record recorded recording measurement logger log formatted total boot iso iso8601
     string hh mm ss
     """
@@ -72,9 +72,11 @@ def time_name(column: Column) -> TimeName:
     if len(name) == 1 and name.isupper() and not unit:
         return TimeName(0)
     said = [word.lower() for word in _WORD.findall(_CAMEL.sub(" ", name))]
+    said = said[: said.index("of")] if "of" in said[1:] else said  # second of the day
     # The last word that is a unit; a single letter only at the end.
     units = [word for word in (*(word for word in said[:-1] if len(word) > 1), *said[-1:]) if word in UNIT_OF_WORD]
-    unit = unit or ("s" if "m:s" in name.lower() else UNIT_OF_WORD[units[-1]] if units else "")
+    written = next((unit for form, unit in (("m:s", "s"), ("h:m", "h")) if form in name.lower()), "")
+    unit = unit or written or (UNIT_OF_WORD[units[-1]] if units else "")
     rest = [word for word in said if word not in _FILLERS]
     core = [word for word in rest if word not in UNIT_OF_WORD]
     is_time = any(word in _TIME_WORDS for word in said)
@@ -91,11 +93,6 @@ def time_name(column: Column) -> TimeName:
     return TimeName(strength, unit if strength else "", not _DATE_WORDS.isdisjoint(said))
 
 
-def is_since_1970(stamps: Array) -> bool:
-    """True where the first stamp is one of 2001 to 2100, counted from 1970 in s, ms, µs or ns."""
-    return bool(stamps.size) and any(size <= float(stamps[0]) < 4.2 * size for size in (1e9, 1e12, 1e15, 1e18))
-
-
 # A time in several columns: year, month, day, hour, minute, second, or a date and a clock.
 
 
@@ -107,14 +104,17 @@ _ROLE_OF_NAME: dict[str, PartRole] = {
     **dict.fromkeys(words("hour hours hr hrs hh stunde hora heure"), "hour"),
     **dict.fromkeys(words("minute minutes min mins minuten mi mn"), "minute"),
     **dict.fromkeys(words("second seconds sec secs ss s sekunde segundo"), "second"),
+    **dict.fromkeys(words("millisecond milliseconds msec ms"), "millisecond"),
     **dict.fromkeys(words("hhmm hhmmss mst lst utc gmt est pst cst hour_minute time clock zeit uhrzeit"), "clock"),
 }
-_EPOCH, _MAX_US = datetime(1970, 1, 1), 6e16  # 1 to 3871: within the calendar of datetime
 _IN_ORDER: tuple[PartRole, ...] = ("year", "month", "day", "hour", "minute", "second")
 _NUMBERED: tuple[PartRole, ...] = ("year", "day of year", "month", "day", "hour", "minute")
-_PART_ABOVE: dict[PartRole, PartRole] = {"minute": "hour", "second": "minute", "day": "month"}
-_PLACE_OF_PART: dict[PartRole, int] = {**{role: i for i, role in enumerate(_IN_ORDER)}, "day of year": 7}
-"""Index of each part in `datetime.timetuple()`."""
+_PART_ABOVE: dict[PartRole, PartRole] = {
+    "day": "month",
+    "minute": "hour",
+    "second": "minute",
+    "millisecond": "second",
+}
 
 
 def named_parts(columns: list[Column], rows: list[Cells]) -> TimeColumn | None:
@@ -210,10 +210,24 @@ def find_candidates(columns: list[Column], rows: list[Cells], decimal: str, opti
             if form is not None and (name.strength or form.kind != "number"):
                 unit = (form.unit or name.unit) if form.kind == "number" else ""
                 forms[i] = replace(form, index=i, unit=unit)
+                forms[i] = _after_turns(forms[i], rows, decimal) if unit and i else forms[i]
     proposed = [*_joined(forms, columns, names, rows, decimal), *forms.values()]
     parts = named_parts(columns, rows) or (None if any(c.name for c in columns) else unnamed_parts(rows))
     weighed = [_weighed(column, names, rows, decimal) for column in (*proposed, *([parts] if parts else []))]
     return [one for one in weighed if one is not None]
+
+
+def _after_turns(form: TimeColumn, rows: list[Cells], decimal: str) -> TimeColumn:
+    """Numbers that begin again at each full second, day or week, with the column before that counts those."""
+    stamps = stamps_of(form, rows, decimal)
+    if np.all(np.diff(stamps) >= 0) or not np.all(stamps >= 0):
+        return form
+    for seconds in (1.0, 86_400.0, 604_800.0):
+        turn = seconds / SECONDS_PER_UNIT[form.unit]
+        whole = replace(form, parts=(("turns", form.index - 1), ("rest", form.index)), turn=turn)
+        if np.all(stamps < turn) and np.all(np.diff(stamps_of(whole, rows, decimal)) >= 0):
+            return whole
+    return form
 
 
 def _joined(
@@ -257,17 +271,17 @@ def _weighed(column: TimeColumn, names: list[TimeName], rows: list[Cells], decim
     A date with a clock says most, a bare number least.
     """
     stamps = stamps_of(column, rows, decimal)
-    evidence = judge(stamps, column.turn_s * 1e6)
+    evidence = judge(stamps, column)
     stamps = stamps[np.isfinite(stamps)]
     clear = names[column.index].strength == 2
-    if evidence.fill < _MIN_FILL or (len(rows) > 1 and not evidence.moves):
+    if evidence.fill < _MIN_FILL or (len(rows) > 1 and not evidence.distinct):
         return None
     if column.kind != "number":
         form = 1.5 if column.kind == "calendar" and not _are_days(stamps) else 0.75
     else:
         if not (clear and len(rows) < _MIN_ROWS) and evidence.back > (MAX_BACK if clear else _MAX_BACK_WEAK):
             return None
-        form = 0.75 if column.unit or is_since_1970(stamps) else 0.0
+        form = 0.75 if column.unit or find_epoch(stamps[:1]) else 0.0
         form = -0.5 if column.unit in ("day", "year") else form
     strength = max(names[i].strength for i in column.indices)
     return evidence.weight + strength + form, column
@@ -312,7 +326,7 @@ def unnamed_time(columns: list[Column], rows: list[Cells], decimal: str, *, name
             found.append((3, TimeColumn(0, "number", unit)))
         elif i in channels and not (named or all_rise) and _is_ramp(stamps) and judge(stamps).even >= MIN_EVEN:
             found.append((2, replace(form, unit=UNIT_OF_WORD.get(columns[i].unit.lower(), ""))))
-        elif i in channels and is_since_1970(stamps) and stamps.size == len(rows):
+        elif i in channels and find_epoch(stamps[:1]) and stamps.size == len(rows):
             # A burst of samples may share its stamp.
             steps = int(np.count_nonzero(np.diff(stamps)))
             if steps >= _MIN_STEPS_FROM_1970 and (rises or in_order_is_even(stamps)):
@@ -367,7 +381,7 @@ def find_time(
     if rival is not None and rival[0] >= points - _CLOSE and (name := columns[rival[1].index].name):
         note = Assumption(f'the time could also be "{name}": --time-column "{name}"')
         best = replace(best, notes=(*best.notes, note))
-    return _with_repeated(best, columns, rows, decimal)
+    return best
 
 
 def chosen_time(
@@ -398,7 +412,7 @@ def chosen_time(
     found = find_candidates(columns, rows, decimal, options)
     joined = [one for one in found if one[1].parts and index in one[1].indices]
     if joined:
-        return _with_repeated(max(joined, key=lambda one: one[0])[1], columns, rows, decimal)
+        return max(joined, key=lambda one: one[0])[1]
     name, cells = time_name(columns[index]), [row[index] for row in rows]
     form = find_stamp_form(cells, decimal, replace(name, strength=2), options)
     if form is None:
@@ -406,21 +420,7 @@ def chosen_time(
         if options.time_format is not None:
             raise BadSetting(f"time_format must fit the stamps (got {options.time_format!r} for {example!r})")
         raise BadSetting(f"the time column must hold numbers or stamps (got {example!r})")
-    column = replace(form, index=index, unit=name.unit if form.kind == "number" else "")
-    return _with_repeated(column, columns, rows, decimal)
-
-
-def _with_repeated(column: TimeColumn, columns: list[Column], rows: list[Cells], decimal: str) -> TimeColumn:
-    """The time with the columns that only repeat a part of it: a year, a month, an hour beside a whole stamp."""
-    places = {i: _PLACE_OF_PART.get(_role(one.name) or "clock") for i, one in enumerate(columns)}
-    places = {i: place for i, place in places.items() if place is not None and columns[i].role == "channel"}
-    if column.kind != "calendar" or not places:
-        return column
-    stamps = zip(stamps_of(column, rows, decimal).tolist(), rows, strict=True)
-    moments = [((_EPOCH + timedelta(microseconds=at)).timetuple(), row) for at, row in stamps if abs(at) < _MAX_US]
-    left = {i: place for i, place in places.items() if moments and i not in column.indices}
-    also = (i for i, at in left.items() if all(m[at] == parse_number(row[i], decimal) for m, row in moments))
-    return replace(column, also=tuple(also))
+    return replace(form, index=index, unit=name.unit if form.kind == "number" else "")
 
 
 def _sampled(rows: list[Cells]) -> list[Cells]:
