@@ -57,8 +57,9 @@ def is_weekday(word: str | None) -> bool:
 
 
 ClockForm = Literal["h:m:s", "elapsed", "h:mm", "hhmm", "hhmmss"]
-"""A time of day (`18:00`, `7:03:05.5 PM`, `18.00.00`); minutes and seconds, hours that may exceed 24, and days
-(`56:36.147`, `125:03:11`, `1 day, 0:00:05`, `1h 2m 3s`), or hours and minutes (`125:03`); digits alone (`544`, `0544`; `54450`, `054450`)."""
+"""A time of day (`18:00`, `7:03:05.5 PM`, `18.00.00`); elapsed minutes and seconds, hours that may exceed 24, days
+(`56:36.147`, `125:03:11`, `1 day, 0:00:05`, `1h 2m 3s`); elapsed hours and minutes (`125:03`); digits alone (`544`,
+`0544`; `54450`, `054450`)."""
 
 MAX_STAMP_LENGTH = 64
 """A longer cell is not a stamp."""

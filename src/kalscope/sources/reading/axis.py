@@ -148,8 +148,6 @@ def lasting_steps(time: Array, steps: Array, candidates: Indices, period: float,
 # come in bursts, and clocks that show whole seconds, have its slope. After a pause it goes on at another level.
 
 
-_SANE = (1e-100, 1e100)
-"""Steps and stamps in s whose squares are still numbers."""
 _NO_PAUSES = np.zeros(0, dtype=np.int64)
 _ON_GRID = 0.02
 """Steps and stamps that miss the even grid by this share of the usual step are on it."""
@@ -196,7 +194,7 @@ def find_rate(time: Array) -> SampleRate | None:
     # There may be no scale at which the rows come steadily: the usual step is all that is known.
     runs = np.zeros(len(time), dtype=np.int64)
     unsteady = SampleRate("uneven", steps.median, math.inf, _NO_PAUSES, steps, steps.median, runs)
-    if not (_SANE[0] < steps.median and float(np.max(np.abs(time))) < _SANE[1]):
+    if not PERIODS[0] <= steps.median <= PERIODS[1]:
         return unsteady
     if not is_coarse(steps) and _is_modal(time, steps):
         return replace(unsteady, error=0.0)
@@ -285,23 +283,24 @@ def _fitted(time: Array, steps: Steps, guess: _Guess) -> SampleRate:
     runs = np.cumsum(runs)
     if stamps == "even":
         return SampleRate("even", period, 0.0, pauses, steps, usual, runs)
-    slope, late = _line(np.arange(len(time)), time, runs)
-    error = _slope_error(late)
     # The row at which a coarse clock moves on is exact to a sample; after a pause it may have moved before.
     moves = steps.all > 0
     moves[pauses] = False
-    changes = np.flatnonzero(moves) + 1
-    if stamps == "coarse" and changes.size > _MIN_CHANGES:
-        slope, late = _line(changes, time[changes], runs[changes])
-        late = np.diff(late)[np.diff(runs[changes]) == 0]
-        spread = math.sqrt(1.2 * (float(late @ late) + slope**2))
-        error = min(error, spread / max(1.0, float(changes[-1] - changes[0])))
+    x = np.flatnonzero(moves) + 1 if stamps == "coarse" else np.arange(len(time))
+    x = x if x.size > _MIN_CHANGES else np.arange(len(time))
+    slope, late = _line(x, time[x], runs[x])
+    error = _slope_error(late)
+    if x.size < len(time):
+        late = np.diff(late)[np.diff(runs[x]) == 0]
+        error = math.sqrt(1.2 * (float(late @ late) + slope**2)) / float(x[-1] - x[0])
     if not 0 < slope <= shortest_pause:  # a damaged stamp bends the line beyond all that lies between pauses
         slope, error = period, math.inf
     if stamps == "uneven" and abs(slope - steps.median) <= 3 * error:
         slope = steps.median  # the usual step agrees
-    if stamps == "bursts" and not _in_bursts(steps, pauses, slope):
-        stamps = "uneven"
+    if stamps == "bursts":
+        passing = np.delete(steps.all, pauses).clip(0.0)
+        in_bursts = passing[passing > GAP_PERIODS * slope].sum() > _BURST_SHARE * passing.sum()
+        stamps = "bursts" if in_bursts else "uneven"
     return SampleRate(stamps, float(f"{slope:.9g}"), error, pauses, steps, usual, runs)
 
 
@@ -331,13 +330,6 @@ def _slope_error(late: Array) -> float:
         return math.inf
     # Means of blocks of a random walk differ by 2/3 of what its end points do; a line through it loses 1.2.
     return math.sqrt(1.2 * 1.5 * float(np.var(parts, ddof=1)) / (rows * steps))
-
-
-def _in_bursts(steps: Steps, pauses: Indices, period: float) -> bool:
-    usual = np.ones(steps.all.size, dtype=bool)
-    usual[pauses] = False
-    passing = steps.all[usual & (steps.all > 0)]
-    return float(passing[passing > GAP_PERIODS * period].sum()) > _BURST_SHARE * float(passing.sum())
 
 
 # How much the steps of a recording vary: its rate with that jitter, for the screen.
@@ -531,13 +523,10 @@ def fill_gaps(time: Array, values: Array, period: float, pauses: Indices) -> tup
             f'gaps must not be "missing" where that makes {total:.3g} rows of {len(time)} (use "dt", or a longer'
             " sample period)"
         )
-    count = np.zeros(len(time), dtype=np.int64)
-    count[pauses + 1] = more.astype(np.int64)
-    place = np.arange(len(time)) + np.cumsum(count)
-    size = len(time) + int(total)
-    filled = np.full((size, values.shape[1]), np.nan)
-    filled[place] = values
-    return np.interp(np.arange(size), place, time), filled, int(total)
+    where = np.repeat(pauses + 1, more.astype(np.int64))
+    time, values = np.insert(time, where, np.nan), np.insert(values, where, np.nan, axis=0)
+    known = np.flatnonzero(~np.isnan(time))
+    return np.interp(np.arange(len(time)), known, time[known]), values, int(total)
 
 
 # Samples placed evenly in time, where stamps come in bursts or from a clock coarser than the sample period.
@@ -580,6 +569,7 @@ _STAMPS = {
     "bursts": " from stamps that come in bursts",
     "coarse": " from stamps of a coarse clock",
 }
+_SOURCES = {"option": " as requested", "file": " as stated in the file"}
 _SURE = 1e-4
 """A standard error below this share of the rate is not reported."""
 _UNSURE = 0.01
@@ -588,58 +578,31 @@ _ALIKE = 0.02
 """Rates of the file and of the stamps that differ by more contradict each other."""
 
 
-def with_words(timing: Timing, stated: float | None, gaps: Gaps, n: int) -> Timing:
-    """The timing with its summary and its notes.
-
-    Args:
-        timing: The facts.
-        stated: Sample period in s that the file states; None where it states none.
-        gaps: How gaps are to be read.
-        n: Samples, the missing ones left out.
-    """
-    if timing.period is None:
-        return timing
-    sure = f", standard error {percent(timing.error)}" if timing.error and timing.error > _SURE else ""
-    how = {"option": " as requested", "file": " as stated in the file"}
-    notes = [*_about_stamps(timing, sure, stated), *_about_pauses(timing, gaps, n)]
-    summary = sample_rate(timing.period) + (how.get(timing.source) or f"{_STAMPS[timing.stamps]}{sure}")
-    return replace(timing, summary=summary, notes=tuple(notes))
-
-
-def _about_stamps(timing: Timing, sure: str, stated: float | None) -> list[str]:
-    own = timing.stamps_period
-    if own is None:
-        return []
-    rate, notes = f"{sample_rate(own)}{sure}", list[str]()
-    if timing.stamps == "coarse":
-        clock = f"the clock has a resolution of {duration(timing.resolution)}"
-        said = f"{clock}: samples were placed evenly between its steps, {rate}"
+def _about_stamps(rate: SampleRate, sure: str) -> list[str]:
+    said = f"{sample_rate(rate.period)}{sure}"
+    if rate.stamps == "coarse":
+        clock = f"the clock has a resolution of {duration(rate.longest)}"
+        said = f"{clock}: samples were placed evenly between its steps, {said}"
         # Rows that were written twice look the same.
-        notes = [Assumption(said) if timing.error is not None and timing.error > _UNSURE else said]
-    elif timing.stamps == "bursts":
-        notes = [f"the stamps come in bursts: samples were placed evenly in time, {rate}"]
-    elif timing.error is None:
-        notes = [f"the stamps show no steady rate: the sample period, {own:.6g} s, is the median step"]
-    elif timing.stamps == "uneven":
-        notes = [f"the stamps are uneven, {rate}"]
-    if stated is not None and timing.source == "file":
-        notes.append(f"the sample rate is the one that the file gives, {sample_rate(stated)}")
-    elif stated is not None and timing.source == "stamps" and abs(stated - own) > _ALIKE * own:
-        notes.append(
-            f"the file gives a sample rate of {sample_rate(stated)}, but its stamps give {sample_rate(own)}: the"
-            " stamps were used; --rate chooses the other"
-        )
-    return notes
+        return [Assumption(said) if _UNSURE * rate.period < rate.error < math.inf else said]
+    if rate.stamps == "bursts":
+        return [f"the stamps come in bursts: samples were placed evenly in time, {said}"]
+    if rate.stamps == "uneven" and np.isfinite(rate.error):
+        return [f"the stamps are uneven, {said}"]
+    unsteady = f"the stamps show no steady rate: the sample period, {rate.period:.6g} s, is the median step"
+    return [unsteady] if rate.stamps == "uneven" else []
 
 
-def _about_pauses(timing: Timing, gaps: Gaps, n: int) -> list[str]:
-    if not timing.pauses:
+def _about_pauses(time: Array, pauses: Indices, period: float, gaps: Gaps) -> list[str]:
+    if not pauses.size:
         return []
-    found = "a gap" if timing.pauses == 1 else f"{timing.pauses} gaps"
-    said = f"time has {found}, first after sample {timing.first_pause}, the longest {timing.longest_pause:.6g} s"
-    rows = f"{count(timing.missing)} {'row' if timing.missing == 1 else 'rows'}"
+    found = "a gap" if pauses.size == 1 else f"{pauses.size} gaps"
+    longest = float((time[pauses + 1] - time[pauses]).max())
+    said = f"time has {found}, first after sample {int(pauses[0]) + 1}, the longest {longest:.6g} s"
+    missing = int(missing_rows(time, pauses, period).sum())
+    rows = f"{count(missing)} {'row' if missing == 1 else 'rows'}"
     advice = f"--gaps missing (adds {rows} of missing samples) or --gaps dt (elapsed time)"
-    if timing.missing > n:
+    if missing > len(time):
         advice = f"--gaps dt (elapsed time): --gaps missing would add {rows} of missing samples"
     return [f"{said}; read it with {advice}" if gaps == "rows" else said]
 
@@ -722,8 +685,9 @@ def read_time(
         time = place_evenly(time, rate)
     elif given.option is not None:
         pauses = np.flatnonzero(rate.steps.forward > GAP_PERIODS * given.option)
-    timing = with_words(_timing(time, rate, pauses, given), given.file, gaps, len(time))
-    return TimeAxis(time, timing, pauses, backward, (*notes, *timing.notes), unit_words)
+    timing, about = _timing(rate, pauses, given)
+    about += _about_pauses(time, pauses, timing.period or rate.period, gaps)
+    return TimeAxis(time, timing, pauses, backward, (*notes, *about), unit_words)
 
 
 def _no_time(rate: SampleRate) -> str | None:
@@ -753,47 +717,43 @@ def counted_time(n: int, given: GivenPeriod, start: float | None = None) -> Time
     if period is not None:
         time *= period
     source: RateSource = "option" if given.option else "file" if given.file else "none"
-    timing = with_words(Timing("none", source, period), given.file, "rows", n)
-    notes: list[str] = []
-    if period is not None and start is not None:
-        notes = [f"time counts from {date_text(start)}"]
-    return TimeAxis(time, timing, np.zeros(0, dtype=np.int64), 0, (*notes, *timing.notes))
+    timing = Timing("none", source, period, summary=sample_rate(period) + _SOURCES[source] if period else "")
+    notes = [f"time counts from {date_text(start)}"] if period and start is not None else []
+    return TimeAxis(time, timing, np.zeros(0, dtype=np.int64), 0, tuple(notes))
 
 
-def _timing(time: Array, rate: SampleRate, pauses: Indices, given: GivenPeriod) -> Timing:
-    period, source = rate.period, "stamps"
+def _timing(rate: SampleRate, pauses: Indices, given: GivenPeriod) -> tuple[Timing, list[str]]:
+    """The sample period, and how it was found."""
+    own, error = rate.period, rate.error / rate.period if np.isfinite(rate.error) else None
+    sure = f", standard error {percent(error)}" if error and error > _SURE else ""
+    notes, period, source = _about_stamps(rate, sure), own, "stamps"
     if given.option is not None:
         period, source = given.option, "option"
     elif given.file is not None and _supports(rate, given.file):
         period, source = given.file, "file"
-    steps = time[pauses + 1] - time[pauses]
-    return Timing(
-        stamps=rate.stamps,
-        source=source,
-        period=period,
-        error=rate.error / rate.period if np.isfinite(rate.error) else None,
-        stamps_period=rate.period,
-        pauses=int(pauses.size),
-        missing=int(missing_rows(time, pauses, period).sum()),
-        first_pause=int(pauses[0]) + 1 if pauses.size else 0,
-        longest_pause=float(steps.max(initial=0.0)),
-        resolution=rate.longest if rate.stamps == "coarse" else None,
-    )
+        notes.append(f"the sample rate is the one that the file gives, {sample_rate(period)}")
+    elif given.file is not None and abs(given.file - own) > _ALIKE * own:
+        notes.append(
+            f"the file gives a sample rate of {sample_rate(given.file)}, but its stamps give {sample_rate(own)}:"
+            " the stamps were used; --rate chooses the other"
+        )
+    how = _SOURCES.get(source) or f"{_STAMPS[rate.stamps]}{sure}"
+    summary = sample_rate(period) + how
+    return Timing(rate.stamps, source, period, error, own, int(pauses.size), summary), notes
 
 
 def _supports(rate: SampleRate, stated: float) -> bool:
     """True where the stamps leave the period open, and the one that the file states, in s, may be it.
 
-    Where there is no rate at which they come steadily, the period lies between the median and the mean step: late
-    rows and lost samples lengthen the mean, bursts shorten the median.
+    It lies between the median and the mean step where the stamps come at no steady rate: late rows and lost samples
+    lengthen the mean, bursts shorten the median.
     """
-    if np.isfinite(rate.error):
-        off = abs(stated - rate.period)
-        return rate.stamps in ("coarse", "bursts") and off <= max(_ALIKE * stated, 3 * rate.error)
-    steps = rate.steps.all
-    mean = float(steps[steps >= 0].mean())
-    margin = max(_ALIKE * stated, rate.longest / len(steps))
-    return min(rate.period, mean) - margin <= stated <= max(rate.period, mean) + margin
+    if rate.stamps in ("even", "uneven") and np.isfinite(rate.error):
+        return False
+    steps, is_known = rate.steps.all, np.isfinite(rate.error)
+    low, high = sorted((rate.period, rate.period if is_known else float(steps[steps >= 0].mean())))
+    margin = max(_ALIKE * stated, 3 * rate.error if is_known else rate.longest / len(steps))
+    return low - margin <= stated <= high + margin
 
 
 def _about_order(time: Array, steps: Array, backward: int, *, repeated: bool) -> list[str]:

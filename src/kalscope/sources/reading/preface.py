@@ -78,7 +78,8 @@ def _is_start(cell: str) -> bool:
 
 _RATE = r"""
     (?:sampl(?:e|ing)[ ]?|(?:data|output[ ]data|measurement|logging|acquisition|store)[ ])(?:rate|freq(?:uency)?)
-    |sampl(?:ed|ing)[ ]at|samples[ ]per[ ]sec(?:ond)?|fps|rate|fs|odr|sfreq|(?:abtast|mess)(?:rate|frequenz)|samplefrequenz
+    |sampl(?:ed|ing)[ ]at|samples[ ]per[ ]sec(?:ond)?|fps
+    |rate|fs|odr|sfreq|(?:abtast|mess)(?:rate|frequenz)|samplefrequenz
     |fréquence[ ]d'échantillonnage|frecuencia[ ]de[ ]muestreo|taxa[ ]de[ ]amostragem|frequenza[ ]di[ ]campionamento
 """
 _INTERVAL = r"""
