@@ -729,7 +729,7 @@ def row_stamp_parser(column: TimeColumn, decimal: str) -> Callable[[Sequence[str
         if date_at is not None:
             found = parse_date(cells[date_at])
             last[0] = last[0] if found is None else found  # a broken date is that of the row before
-        part = {role: _part(cells[i], role, decimal) for role, i in places.items()}
+        part = {role: parse_part(cells[i], role, decimal) for role, i in places.items()}
         return _sum((since, 1.0), (0.0 if date_at is None else last[0], 1.0), (_of_parts(part), 1.0))
 
     return parse_parts
@@ -744,7 +744,7 @@ def _sum(*products: tuple[float | None, float]) -> float | None:
     )
 
 
-def _part(cell: str, role: PartRole, decimal: str) -> float | None:
+def parse_part(cell: str, role: PartRole, decimal: str = ".") -> float | None:
     """The number of a part; None where it is damaged."""
     low, high = PART_RANGES[role]
     value = float(cell) if cell.isascii() and cell.isdecimal() else parse_number(cell, decimal)

@@ -59,7 +59,7 @@ from kalscope.sources.reading.table import (
     marked_begin,
     weigh,
 )
-from kalscope.sources.reading.time_columns import chosen_time, find_time, time_name
+from kalscope.sources.reading.time_columns import find_time, time_name
 
 # Labels that come in turn, one or a few per line: `Temp: 21.5`, then `Hum: 40`, then the next `Temp`.
 
@@ -523,11 +523,11 @@ def _find_time(
     named = bool(header.rows) or all(column.name for column in columns)
     # A field that was added later cannot be the time of the rows before.
     least = min(table.narrow, default=len(columns))
-    if choice is not None:
-        return chosen_time(columns, rows, decimal, choice, labels, plan.options)
-    if columns[0] == _TELEPLOT_TIME and table.form.kind == "teleplot":
+    if choice is None and columns[0] == _TELEPLOT_TIME and table.form.kind == "teleplot":
         return TimeColumn(0, "number", "ms")
-    return find_time(columns[:least], [row[:least] for row in rows], decimal, named=named, options=plan.options)
+    least = len(columns) if choice is not None else least
+    few = [row[:least] for row in rows]
+    return find_time(columns[:least], few, decimal, named=named, choice=choice, labels=labels, options=plan.options)
 
 
 def _labelled_header(table: HeadTable, lines: list[HeadLine]) -> Header:

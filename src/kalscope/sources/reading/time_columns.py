@@ -12,14 +12,13 @@ import numpy as np
 from kalscope.common.numbers import Array
 from kalscope.errors import BadSetting
 from kalscope.recording import Assumption
-from kalscope.sources.grammar.cells import SECONDS_PER_UNIT, UNIT_OF_WORD, parse_number, words
+from kalscope.sources.grammar.cells import SECONDS_PER_UNIT, UNIT_OF_WORD, words
 from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
 from kalscope.sources.grammar.timestamps import (
     CLOCK_PARSERS,
     DAY_US,
     MAX_BACK,
     MIN_EVEN,
-    PART_RANGES,
     ClockForm,
     PartRole,
     TimeColumn,
@@ -28,6 +27,7 @@ from kalscope.sources.grammar.timestamps import (
     find_stamp_form,
     in_order_is_even,
     judge,
+    parse_part,
     row_stamp_parser,
 )
 from kalscope.sources.reading.columns import Cells, Column
@@ -107,14 +107,9 @@ _ROLE_OF_NAME: dict[str, PartRole] = {
     **dict.fromkeys(words("millisecond milliseconds msec ms"), "millisecond"),
     **dict.fromkeys(words("hhmm hhmmss mst lst utc gmt est pst cst hour_minute time clock zeit uhrzeit"), "clock"),
 }
-_IN_ORDER: tuple[PartRole, ...] = ("year", "month", "day", "hour", "minute", "second")
-_NUMBERED: tuple[PartRole, ...] = ("year", "day of year", "month", "day", "hour", "minute")
-_PART_ABOVE: dict[PartRole, PartRole] = {
-    "day": "month",
-    "minute": "hour",
-    "second": "minute",
-    "millisecond": "second",
-}
+_IN_ORDER: tuple[PartRole, ...] = ("year", "month", "day", "hour", "minute", "second", "millisecond")
+_PART_ABOVE: dict[PartRole, PartRole] = dict(zip(_IN_ORDER[2:], _IN_ORDER[1:], strict=False)) | {"hour": "year"}
+"""No part counts without this one."""
 
 
 def named_parts(columns: list[Column], rows: list[Cells]) -> TimeColumn | None:
@@ -131,10 +126,7 @@ def named_parts(columns: list[Column], rows: list[Cells]) -> TimeColumn | None:
         clock = clock_form([row[places["clock"]] for row in rows])
     if clock is None:
         places.pop("clock", None)
-    # No part counts without the one above it.
-    kept: tuple[tuple[PartRole, int], ...] = tuple(
-        (role, i) for role, i in places.items() if _PART_ABOVE.get(role, "year") in places
-    )
+    kept = tuple((role, i) for role, i in places.items() if _PART_ABOVE.get(role, "year") in places)
     return TimeColumn(places["year"], "calendar", clock=clock or "h:m:s", parts=kept)
 
 
@@ -145,25 +137,17 @@ def unnamed_parts(rows: list[Cells]) -> TimeColumn | None:
     hardly anything else.
     """
     width = min(map(len, rows), default=0) if len(rows) >= _MIN_ROWS else 0
-    for first, roles in product(range(width - 3), (_NUMBERED, _IN_ORDER)):
-        pairs = zip(roles, range(first, width), strict=False)
-        parts = tuple(takewhile(lambda part: _in_range(rows, *part), pairs))
+    for first, step in product(range(width - 3), (1, 2)):
+        pairs = zip(_IN_ORDER[:6], (first, *range(first + step, width)), strict=False)
+        parts = tuple(takewhile(lambda part: _are_parts(rows, *part), pairs))
         time = TimeColumn(first, "calendar", parts=parts)
-        if len(parts) < 4 or judge(stamps_of(time, rows, ".")).back > _MAX_BACK_WEAK:
-            continue
-        if roles is _NUMBERED:  # the day of the year must agree with the month and the day
-            by_month = replace(time, parts=(parts[0], *parts[2:4]))
-            by_number = replace(time, parts=parts[:2])
-            if not np.array_equal(stamps_of(by_month, rows, "."), stamps_of(by_number, rows, ".")):
-                continue
-        return time
+        if len(parts) >= 4 and judge(stamps_of(time, rows, ".")).back <= _MAX_BACK_WEAK:
+            return time
     return None
 
 
-def _in_range(rows: list[Cells], role: PartRole, index: int) -> bool:
-    low, high = PART_RANGES[role]
-    numbers = (parse_number(row[index]) for row in rows)
-    return all(number is not None and low <= number <= high and number % 1 == 0 for number in numbers)
+def _are_parts(rows: list[Cells], role: PartRole, index: int) -> bool:
+    return all(row[index].isdecimal() and parse_part(row[index], role) is not None for row in rows)
 
 
 def clock_form(cells: list[str]) -> ClockForm | None:
@@ -237,9 +221,8 @@ def _joined(
 
     Digits are a clock (`1800`) only where their name gives no unit: `time_ms` counts milliseconds.
     """
-    days = {i: stamps_of(form, rows, decimal) for i, form in forms.items() if form.kind == "calendar"}
-    days = {i: stamps[np.isfinite(stamps)] for i, stamps in days.items()}
-    days = {i: stamps for i, stamps in days.items() if _are_days(stamps)}
+    read = {i: stamps_of(form, rows, decimal) for i, form in forms.items() if form.kind == "calendar"}
+    days = {i: known for i, stamps in read.items() if _are_days(known := stamps[np.isfinite(stamps)])}
     clocks: dict[int, ClockForm] = {}
     for i, column in enumerate(columns if days else ()):
         form = forms.get(i)
@@ -302,35 +285,35 @@ _MIN_STEPS_FROM_1970 = 3
 
 def unnamed_time(columns: list[Column], rows: list[Cells], decimal: str, *, named: bool) -> TimeColumn | None:
     """Numbers with no name of a time: dates in digits, a first column without a name that rises, or since 1970."""
-    if len(columns) < 2:
+    if len(columns) < 2 or len(rows) < _MIN_ROWS:
         return None
-    unit = UNIT_OF_WORD.get(columns[0].unit.strip().lower(), "")
     others = columns[1:] if columns[0].name.lower() == "x" else []
-    may_lead = not named or unit or any(column.unit or column.name.lower().startswith("ch") for column in others)
-    read: dict[int, tuple[TimeColumn, Array]] = {}
-    for i, column in enumerate(columns):
-        form = find_stamp_form([row[i] for row in rows], decimal) if i == 0 or column.role == "channel" else None
-        if form is not None:
-            stamps = stamps_of(replace(form, index=i), rows, decimal)
-            read[i] = replace(form, index=i), stamps[np.isfinite(stamps)]
     channels = [i for i, column in enumerate(columns) if column.role == "channel"]
+    read: dict[int, tuple[TimeColumn, Array]] = {}
+    for i in {0, *channels}:
+        form = find_stamp_form([row[i] for row in rows], decimal)
+        if form is not None:
+            form = replace(form, index=i, unit=UNIT_OF_WORD.get(columns[i].unit.strip().lower(), ""))
+            stamps = stamps_of(form, rows, decimal)
+            read[i] = form, stamps[np.isfinite(stamps)]
+    may_lead = not named or UNIT_OF_WORD.get(columns[0].unit.strip().lower())
+    may_lead = may_lead or any(column.unit or column.name.lower().startswith("ch") for column in others)
     all_rise = all(i in read and bool(np.all(np.diff(read[i][1]) > 0)) for i in channels)
     found: list[Weighed] = []
     for i, (form, stamps) in read.items():
-        if stamps.size < _MIN_ROWS:
-            continue
-        rises = bool(np.all(np.diff(stamps) >= 0))
-        if i in channels and form.kind == "calendar" and rises:
-            found.append((4, form))
-        elif i == 0 and may_lead and _is_ramp(stamps):
-            found.append((3, TimeColumn(0, "number", unit)))
-        elif i in channels and not (named or all_rise) and _is_ramp(stamps) and judge(stamps).even >= MIN_EVEN:
-            found.append((2, replace(form, unit=UNIT_OF_WORD.get(columns[i].unit.lower(), ""))))
-        elif i in channels and find_epoch(stamps[:1]) and stamps.size == len(rows):
-            # A burst of samples may share its stamp.
-            steps = int(np.count_nonzero(np.diff(stamps)))
-            if steps >= _MIN_STEPS_FROM_1970 and (rises or in_order_is_even(stamps)):
-                found.append((1, form))
+        is_channel, is_ramp, steps = i in channels, _is_ramp(stamps), np.diff(stamps)
+        rises = bool(np.all(steps >= 0))
+        in_order = np.count_nonzero(steps) >= _MIN_STEPS_FROM_1970 and (rises or in_order_is_even(stamps))
+        rules = (
+            (4, is_channel and form.kind == "calendar" and rises),
+            (3, i == 0 and may_lead and is_ramp),
+            (2, is_channel and not (named or all_rise) and is_ramp and judge(stamps).even >= MIN_EVEN),
+            (
+                1,
+                is_channel and stamps.size == len(rows) and in_order and find_epoch(stamps),
+            ),  # a burst may share one
+        )
+        found += [(points, form) for points, holds in rules if holds and stamps.size >= _MIN_ROWS]
     return max(found, key=lambda one: one[0], default=(0, None))[1]
 
 
@@ -355,71 +338,70 @@ _CLOSE = 1.0
 
 
 def find_time(
-    columns: list[Column], rows: list[Cells], decimal: str, *, named: bool, options: ReadOptions = DEFAULTS
+    columns: list[Column],
+    rows: list[Cells],
+    decimal: str,
+    *,
+    named: bool,
+    choice: str | int | None = None,
+    labels: Cells = (),
+    options: ReadOptions = DEFAULTS,
 ) -> TimeColumn | None:
-    """The candidate with the most points; None where there is none.
+    """The time column that the user chose, else the candidate with the most points; None where there is none.
 
     Args:
         columns: Names and roles.
         rows: Cells of rows from the head of the file and, if available, from its middle and end.
         decimal: Decimal mark.
         named: True where the names are those of the source.
+        choice: A name, an index from 0, or "none"; None: the points decide.
+        labels: The names as the file writes them, `time [ms]`.
         options: Format of the stamps, order of day and month.
 
     Raises:
-        BadSetting: the format of the stamps fits no column.
+        BadSetting: no column fits the format of the stamps, or the choice; that column holds no numbers or stamps.
     """
+    names = [column.name for column in columns]
+    if choice == "none" and "none" not in names:
+        return None
     rows = _sampled(rows)
-    found = find_candidates(columns, rows, decimal, options)
+    found = sorted(find_candidates(columns, rows, decimal, options), key=lambda one: -one[0])
+    if choice is not None:
+        index = _index_of(choice, names, labels)
+        joined = (one for _, one in found if one.parts and index in one.indices)
+        return next(joined, None) or _chosen(index, columns[index], [row[index] for row in rows], decimal, options)
     if options.time_format is not None and not found:
         raise BadSetting(f"time_format must fit a column of stamps (got {options.time_format!r}, which fits none)")
     if not found:
         return unnamed_time(columns, rows, decimal, named=named)
-    points, best = max(found, key=lambda one: one[0])
-    rivals = [one for one in found if not {*one[1].indices} & {*best.indices}]
-    rival = max(rivals, key=lambda one: one[0], default=None)
-    if rival is not None and rival[0] >= points - _CLOSE and (name := columns[rival[1].index].name):
+    points, best = found[0]
+    rival = next((one for one in found if not {*one[1].indices} & {*best.indices}), None)
+    if rival is not None and rival[0] >= points - _CLOSE and (name := names[rival[1].index]):
         note = Assumption(f'the time could also be "{name}": --time-column "{name}"')
         best = replace(best, notes=(*best.notes, note))
     return best
 
 
-def chosen_time(
-    columns: list[Column],
-    rows: list[Cells],
-    decimal: str,
-    choice: str | int,
-    labels: Cells = (),
-    options: ReadOptions = DEFAULTS,
-) -> TimeColumn | None:
-    """The time column that the user chose, by name or by index from 0; None for "none".
-
-    Raises:
-        BadSetting: there is no such column, or it holds neither numbers nor stamps.
-    """
-    names = [column.name for column in columns]
-    if choice == "none" and "none" not in names:
-        return None
+def _index_of(choice: str | int, names: list[str], labels: Cells) -> int:
+    """Index of the column that the user chose, by its name in the file or in the report, or by its index."""
     index = choice
     if isinstance(index, str):
-        # As the file writes it, `time [ms]`, or as the report shows it, `time`.
         alike = [i for known in (names, list(labels)) for i, name in enumerate(known) if name == index.strip()]
         index = alike[0] if alike else -1
-    if not 0 <= index < len(columns):
+    if not 0 <= index < len(names):
         shown = ", ".join(name or f"column {i}" for i, name in enumerate(names, 1))
         raise BadSetting(f'the time column must be one of {shown}, or "none" (got {choice!r})')
-    rows = _sampled(rows)
-    found = find_candidates(columns, rows, decimal, options)
-    joined = [one for one in found if one[1].parts and index in one[1].indices]
-    if joined:
-        return max(joined, key=lambda one: one[0])[1]
-    name, cells = time_name(columns[index]), [row[index] for row in rows]
+    return index
+
+
+def _chosen(index: int, column: Column, cells: list[str], decimal: str, options: ReadOptions) -> TimeColumn:
+    name = time_name(column)
     form = find_stamp_form(cells, decimal, replace(name, strength=2), options)
     if form is None:
-        example = next(filter(None, cells), "")[:40]
-        if options.time_format is not None:
-            raise BadSetting(f"time_format must fit the stamps (got {options.time_format!r} for {example!r})")
-        raise BadSetting(f"the time column must hold numbers or stamps (got {example!r})")
+        example, form = next(filter(None, cells), "")[:40], options.time_format
+        got = f"{example!r}" if form is None else f"{form!r} for {example!r}"
+        must = "the time column must hold numbers or stamps" if form is None else "time_format must fit the stamps"
+        raise BadSetting(f"{must} (got {got})")
     return replace(form, index=index, unit=name.unit if form.kind == "number" else "")
 
 
