@@ -254,14 +254,6 @@ def test_where_nothing_decides_the_day_comes_first_and_the_note_names_the_option
     assert not find_stamp_form([cell.replace("03/04", "04/04") for cell in cells], ".", TIME).notes
 
 
-@pytest.mark.parametrize("order", ["dmy", "mdy"])
-def test_of_runs_far_apart_the_shorter_log_is_likelier_and_the_note_stays(order):
-    cells = [f"{day} 10:00:{i:02}" for day in days(order, 3, 3, datetime(2024, 4, 5)) for i in range(30)]
-    form = find_stamp_form(cells, ".", TIME)
-    assert form.order == order
-    assert "could also be" in "".join(form.notes)
-
-
 @pytest.mark.parametrize(("day_first", "order"), [(True, "dmy"), (False, "mdy")])
 def test_the_user_decides_the_order(day_first, order):
     form = find_stamp_form(["03/04/2024"], ".", TimeName(), ReadOptions(day_first=day_first))

@@ -17,13 +17,7 @@ WORD_OF_DECIMAL = {".": "point", ",": "comma"}
 """How the options of the command line name the marks."""
 DELIMITERS = tuple(WORD_OF_DELIMITER)
 """What may separate cells; a space is any run of blanks."""
-_MARK_OF_WORD = {
-    **{word: mark for mark, word in {**WORD_OF_DELIMITER, **WORD_OF_DECIMAL}.items()},
-    **dict.fromkeys(("blank", "blanks"), " "),
-    "\\t": "\t",
-    "pipe": "|",
-    "dot": ".",
-}
+_MARK_OF_WORD = {word: mark for mark, word in {**WORD_OF_DELIMITER, **WORD_OF_DECIMAL}.items()} | {"\\t": "\t"}
 
 
 def _is_line_number(value: object) -> bool:

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, date, datetime, time, timedelta
 from functools import lru_cache, partial
-from typing import Literal, NamedTuple
+from typing import Literal
 
 import numpy as np
 
@@ -410,36 +410,30 @@ def in_order_is_even(stamps: Array) -> bool:
 # What stamps count from and where they begin again.
 
 
-class Epoch(NamedTuple):
-    """Stamps of this size count from a date."""
-
-    low: float
-    high: float
-    unit: str
-    since: float
-    """The stamp of 1970-01-01."""
-
-
-_EPOCHS = (
-    Epoch(1e9, 3e9, "s", 0),  # 2001 to 2065
-    Epoch(3e9, 4.2e9, "s", 2_082_844_800),  # LabVIEW counts from 1904: 1999 to 2037
-    Epoch(1e12, 4.2e12, "ms", 0),
-    Epoch(1e15, 4.2e15, "us", 0),
-    Epoch(1e18, 4.2e18, "ns", 0),
-    Epoch(1.26e17, 1.6e17, "100ns", 116_444_736_000_000_000),  # Windows counts from 1601
-    Epoch(6.3e17, 6.7e17, "100ns", 621_355_968_000_000_000),  # .NET counts from the year 1
-    Epoch(20_000, 52_000, "day", 25_569),  # spreadsheets: 1954 to 2042
-    Epoch(52_000, 80_000, "day", 40_587),  # modified Julian dates: 2001 to 2077
-    Epoch(725_000, 770_000, "day", 719_529),  # MATLAB's datenum: 1984 to 2108
-    Epoch(2_440_000, 2_490_000, "day", 2_440_587.5),  # Julian dates: 1968 to 2105
+_EPOCHS: tuple[tuple[float, float, str, float], ...] = (
+    (1e9, 3e9, "s", 0),  # 2001 to 2065
+    (3e9, 4.2e9, "s", 2_082_844_800),  # LabVIEW counts from 1904: 1999 to 2037
+    (1e12, 4.2e12, "ms", 0),
+    (1e15, 4.2e15, "us", 0),
+    (1e18, 4.2e18, "ns", 0),
+    (1.26e17, 1.6e17, "100ns", 116_444_736_000_000_000),  # Windows counts from 1601
+    (6.3e17, 6.7e17, "100ns", 621_355_968_000_000_000),  # .NET counts from the year 1
+    (20_000, 52_000, "day", 25_569),  # spreadsheets: 1954 to 2042
+    (52_000, 80_000, "day", 40_587),  # modified Julian dates: 2001 to 2077
+    (725_000, 770_000, "day", 719_529),  # MATLAB's datenum: 1984 to 2108
+    (2_440_000, 2_490_000, "day", 2_440_587.5),  # Julian dates: 1968 to 2105
 )
+"""Lowest and highest stamp that count from a date, their unit, and the stamp of 1970-01-01."""
 
 
-def find_epoch(stamps: Array, unit: str = "") -> Epoch | None:
-    """What all stamps count from; numbers of days only where that is their unit: many sensors show 40 000."""
+def find_epoch(stamps: Array, unit: str = "") -> tuple[str, float] | None:
+    """Unit of stamps that all count from one date, and the stamp of 1970-01-01; None for others.
+
+    Numbers of days only where that is their unit: many sensors show 40 000.
+    """
     low, high = (float(stamps.min()), float(stamps.max())) if stamps.size else (0.0, 0.0)
-    found = (epoch for epoch in _EPOCHS if epoch.low <= low and high < epoch.high)
-    return next((epoch for epoch in found if epoch.unit == unit or (not unit and epoch.unit != "day")), None)
+    found = ((one, since) for least, most, one, since in _EPOCHS if least <= low and high < most)
+    return next((epoch for epoch in found if epoch[0] == unit or (not unit and epoch[0] != "day")), None)
 
 
 _TURNS = {
@@ -498,7 +492,6 @@ def times(count: int) -> str:
 _CLOCK_FORMS: tuple[ClockForm, ...] = ("h:m:s", "elapsed", "h:mm")
 _LATE_US, _ROUND_US = 23 * 3600e6, 300e6
 """A log that begins at 00:00 and ends after 23:00, or whose stamps are multiples of 5, has hours and minutes."""
-_MANY_TIMES = 5.0
 _ORDERS: tuple[DateOrder, ...] = ("ymd", "dmy", "mdy")
 _DIGITS = (8, 10, 12, 14)
 """Digits of YYYYMMDD, YYYYMMDDHH, YYYYMMDDHHMM and YYYYMMDDHHMMSS."""
@@ -606,16 +599,9 @@ def _are_dates_in_digits(counted: list[str], name: TimeName) -> bool:
 
 
 def _calendar(read: dict[TimeColumn, Array], example: str, *, decided: bool) -> TimeColumn:
-    """Of orders that fit, the one whose stamps rise steadily.
-
-    Where nothing decides, the day comes first, unless the log would then last many times longer.
-    """
+    """Of orders that fit, the one whose stamps rise steadily; where nothing decides, the day comes first."""
     quality = {form: judge(stamps).steadiness for form, stamps in read.items()}
-    spans = {form: float(np.nanmax(stamps) - np.nanmin(stamps)) for form, stamps in read.items()}
-    longest = _MANY_TIMES * min(spans.values())
-    best = max(
-        read, key=lambda form: (quality[form], spans[form] <= longest, ("mdy", "ymd", "dmy").index(form.order))
-    )
+    best = max(read, key=lambda form: (quality[form], ("mdy", "ymd", "dmy").index(form.order)))
     # Where both orders mean the same day (05/05) there is nothing to decide.
     others = [form for form in read if quality[form] == quality[best]]
     others = [form for form in others if not np.array_equal(read[form], read[best], equal_nan=True)]
@@ -657,18 +643,17 @@ StampParser = Callable[[str], "float | None"]
 _MAX_STAMP = 1e20
 """A numeric stamp beyond this is damage: epoch nanoseconds are 1.8e18."""
 
-PART_RANGES: dict[PartRole, tuple[float, float]] = {
-    "year": (1800, 2200),
-    "day of year": (1, 366),
-    "month": (1, 12),
-    "day": (1, 31),
-    "hour": (0, 24),
-    "minute": (0, 59),
-    "second": (0, 60.999999),
-    "millisecond": (0, 999.999),
+_PARTS: dict[PartRole, tuple[float, float, float]] = {
+    "year": (1800, 2200, 0),
+    "month": (1, 12, 0),
+    "day": (1, 31, 0),
+    "day of year": (1, 366, 0),
+    "hour": (0, 24, 3600e6),
+    "minute": (0, 59, 60e6),
+    "second": (0, 60.999999, 1e6),
+    "millisecond": (0, 999.999, 1e3),
 }
-"""The numbers that a column of each part may hold; a year may have two digits."""
-_PART_US: dict[PartRole, float] = {"hour": 3600e6, "minute": 60e6, "second": 1e6, "millisecond": 1e3}
+"""The least and the largest number of each part, and its microseconds; a year may have two digits."""
 
 
 @dataclass(frozen=True)
@@ -718,8 +703,10 @@ def row_stamp_parser(column: TimeColumn, decimal: str) -> Callable[[Sequence[str
         return lambda cells: parse(cells[index])
     places = dict(column.parts)
     if column.turn:
-        turns_at = places["turns"]
-        return lambda cells: _sum((parse(cells[turns_at]), column.turn), (parse(cells[index]), 1.0))
+        count, turn = places["turns"], column.turn
+        return lambda cells: _sum(
+            None if (turns := parse(cells[count])) is None else turns * turn, parse(cells[index])
+        )
     date_at, clock_at = places.pop("date", None), places.pop("clock", None)
     parse_date, parse_clock = stamp_parser(replace(column, kind="calendar"), decimal), CLOCK_PARSERS[column.clock]
     last = [column.day]
@@ -730,23 +717,20 @@ def row_stamp_parser(column: TimeColumn, decimal: str) -> Callable[[Sequence[str
             found = parse_date(cells[date_at])
             last[0] = last[0] if found is None else found  # a broken date is that of the row before
         part = {role: parse_part(cells[i], role, decimal) for role, i in places.items()}
-        return _sum((since, 1.0), (0.0 if date_at is None else last[0], 1.0), (_of_parts(part), 1.0))
+        return _sum(since, 0.0 if date_at is None else last[0], _of_parts(part))
 
     return parse_parts
 
 
-def _sum(*products: tuple[float | None, float]) -> float | None:
-    """The sum of products; None where a factor is missing."""
-    return (
-        None
-        if any(value is None for value, _ in products)
-        else sum((value or 0.0) * size for value, size in products)
-    )
+def _sum(*values: float | None) -> float | None:
+    """The sum; None where a value is missing."""
+    known = [value for value in values if value is not None]
+    return sum(known) if len(known) == len(values) else None
 
 
 def parse_part(cell: str, role: PartRole, decimal: str = ".") -> float | None:
     """The number of a part; None where it is damaged."""
-    low, high = PART_RANGES[role]
+    low, high, _ = _PARTS[role]
     value = float(cell) if cell.isascii() and cell.isdecimal() else parse_number(cell, decimal)
     least = 0.0 if role == "year" and value is not None and value < 100 else low
     is_whole = value is not None and (value % 1 == 0 or role in ("second", "millisecond"))
@@ -762,7 +746,7 @@ def _of_parts(part: dict[PartRole, float | None]) -> float | None:
     if "year" in known:
         start = day_us(*(int(known.get(role, 1)) for role in ("year", "month", "day")))
     since = (known.get("day of year", 1) - 1) * DAY_US
-    since += sum(round(known[role] * size) for role, size in _PART_US.items() if role in known)
+    since += sum(round(value * _PARTS[role][2]) for role, value in known.items())
     return None if start is None else start + since
 
 

@@ -350,9 +350,8 @@ def jitter_of(recording: Recording) -> float:
         return 0.0
     steps = np.diff(recording.time)
     steps = steps[steps > 0.0]
-    usual = len(steps) - timing.pauses  # the longest steps are the pauses
-    if recording.gaps == "missing" or not 0 < usual < len(steps):  # rows were put into the pauses, or there is none
-        usual = len(steps)
+    # The longest steps are the pauses; with gaps as missing rows there is none.
+    usual = max(1, len(steps) - (0 if recording.gaps == "missing" else timing.pauses))
     return float(np.partition(steps, usual - 1)[:usual].std()) / period
 
 
@@ -393,8 +392,8 @@ def unit_by_magnitude(stamps: Array) -> str:  # noqa: PLR0911 (one for each rule
     # The head is checked first: most stamps with fractions show them there.
     whole = all(bool(np.all(part == np.floor(part))) for part in (stamps[:1000], stamps))
     # Whole seconds that step by thousands but not by minutes are a counter of µs.
-    if epoch is not None and not (epoch.unit == "s" and whole and step >= 1000 and step % 60 != 0):
-        return epoch.unit
+    if epoch is not None and not (epoch[0] == "s" and whole and step >= 1000 and step % 60 != 0):
+        return epoch[0]
     if not whole and _are_seconds_in_days(stamps):
         return "day"
     in_minutes = abs(step - 60_000 * round(step / 60_000)) <= _MINUTE_JITTER
@@ -444,7 +443,7 @@ def to_seconds(
         others = "" if epoch else _otherwise(stamps, unit)
         said += f" (assumed from their size: {others or '--time-unit changes it'})"
     if epoch is not None:
-        said += f"; time counts from {date_text((first - epoch.since) * scale)}"
+        said += f"; time counts from {date_text((first - epoch[1]) * scale)}"
         stamps = stamps - first
     elif start is not None:
         said += f"; time counts from {date_text(start)}"

@@ -407,8 +407,5 @@ def _chosen(index: int, column: Column, cells: list[str], decimal: str, options:
 
 def _sampled(rows: list[Cells]) -> list[Cells]:
     """The first rows, some from the middle and the last ones, none of them twice."""
-    if len(rows) <= _MAX_ROWS:
-        return rows
-    third = _MAX_ROWS // 3
-    middle = (len(rows) - third) // 2
-    return rows[:third] + rows[middle : middle + third] + rows[-third:]
+    third, middle = _MAX_ROWS // 3, (len(rows) - _MAX_ROWS // 3) // 2
+    return rows if len(rows) <= _MAX_ROWS else rows[:third] + rows[middle : middle + third] + rows[-third:]
