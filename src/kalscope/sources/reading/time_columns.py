@@ -108,7 +108,12 @@ _ROLE_OF_NAME: dict[str, PartRole] = {
     **dict.fromkeys(words("hhmm hhmmss mst lst utc gmt est pst cst hour_minute time clock zeit uhrzeit"), "clock"),
 }
 _IN_ORDER: tuple[PartRole, ...] = ("year", "month", "day", "hour", "minute", "second", "millisecond")
-_PART_ABOVE: dict[PartRole, PartRole] = dict(zip(_IN_ORDER[2:], _IN_ORDER[1:], strict=False)) | {"hour": "year"}
+_PART_ABOVE: dict[PartRole, PartRole] = {
+    "day": "month",
+    "minute": "hour",
+    "second": "minute",
+    "millisecond": "second",
+}
 """No part counts without this one."""
 
 
@@ -126,7 +131,9 @@ def named_parts(columns: list[Column], rows: list[Cells]) -> TimeColumn | None:
         clock = clock_form([row[places["clock"]] for row in rows])
     if clock is None:
         places.pop("clock", None)
-    kept = tuple((role, i) for role, i in places.items() if _PART_ABOVE.get(role, "year") in places)
+    kept: tuple[tuple[PartRole, int], ...] = tuple(
+        (role, i) for role, i in places.items() if _PART_ABOVE.get(role, "year") in places
+    )
     return TimeColumn(places["year"], "calendar", clock=clock or "h:m:s", parts=kept)
 
 
