@@ -716,7 +716,9 @@ def row_stamp_parser(column: TimeColumn, decimal: str) -> Callable[[Sequence[str
         if date_at is not None:
             found = parse_date(cells[date_at])
             last[0] = last[0] if found is None else found  # a broken date is that of the row before
-        part = {role: parse_part(cells[i], role, decimal) for role, i in places.items()}
+        part: dict[PartRole, float | None] = {
+            role: parse_part(cells[i], role, decimal) for role, i in places.items()
+        }
         return _sum(since, 0.0 if date_at is None else last[0], _of_parts(part))
 
     return parse_parts
@@ -732,14 +734,15 @@ def parse_part(cell: str, role: PartRole, decimal: str = ".") -> float | None:
     """The number of a part; None where it is damaged."""
     low, high, _ = _PARTS[role]
     value = float(cell) if cell.isascii() and cell.isdecimal() else parse_number(cell, decimal)
-    least = 0.0 if role == "year" and value is not None and value < 100 else low
-    is_whole = value is not None and (value % 1 == 0 or role in ("second", "millisecond"))
-    return value if is_whole and least <= value <= high else None
+    if value is None or (value % 1 and role not in ("second", "millisecond")):
+        return None
+    least = 0.0 if role == "year" and value < 100 else low
+    return value if least <= value <= high else None
 
 
 def _of_parts(part: dict[PartRole, float | None]) -> float | None:
     """Microseconds from 1970 to a year and other parts, from midnight without a year; None: a part is damaged."""
-    known = {role: value for role, value in part.items() if value is not None}
+    known: dict[PartRole, float] = {role: value for role, value in part.items() if value is not None}
     if len(known) < len(part):
         return None
     start: float | None = 0.0

@@ -415,9 +415,9 @@ def _are_seconds_in_days(stamps: Array) -> bool:
     """
     some = stamps[:1000]
     seconds: Array = (some - some[0]) * 86400.0
-    whole = np.round(seconds)
-    near = float(np.mean(np.abs(seconds - whole) <= _WHOLE_SECOND))
-    return near >= 0.99 and float(np.mean(whole % 27 != 0)) >= 0.5 and 0.5 < _median_step(seconds) < 3601
+    whole: Array = seconds.round()
+    near = float((np.abs(seconds - whole) <= _WHOLE_SECOND).mean())
+    return near >= 0.99 and float((whole % 27 != 0).mean()) >= 0.5 and 0.5 < _median_step(seconds) < 3601
 
 
 _NEIGHBOURS = {"s": ("ms",), "ms": ("s", "us"), "us": ("ms", "ns"), "ns": ("us",)}
