@@ -462,9 +462,9 @@ def unwrap(stamps: Array, column: TimeColumn | None = None) -> tuple[Array, str]
     stays a step back. A clock may miss half a day.
     """
     back = np.flatnonzero(stamps[1:] < stamps[:-1])
-    if not back.size or len(stamps) == back.size + 1:
+    steps = np.diff(stamps) if back.size else stamps[:0]
+    if not np.any(steps > 0):  # nothing steps back, or nothing goes on
         return stamps, ""
-    steps = np.diff(stamps)
     usual, span = 2 * float(np.quantile(steps[steps > 0], 0.98)), float(np.ptp(stamps))
     kind = "number" if column is None else column.kind
     is_date, form = kind == "calendar", column.clock if column and kind == "clock" else kind
