@@ -308,6 +308,8 @@ def unnamed_time(columns: list[Column], rows: list[Cells], decimal: str, *, name
     all_rise = all(i in read and bool(np.all(np.diff(read[i][1]) > 0)) for i in channels)
     found: list[Weighed] = []
     for i, (form, stamps) in read.items():
+        if stamps.size < _MIN_ROWS:
+            continue
         is_channel, is_ramp, steps = i in channels, _is_ramp(stamps), np.diff(stamps)
         rises = bool(np.all(steps >= 0))
         in_order = np.count_nonzero(steps) >= _MIN_STEPS_FROM_1970 and (rises or in_order_is_even(stamps))
@@ -320,7 +322,7 @@ def unnamed_time(columns: list[Column], rows: list[Cells], decimal: str, *, name
                 is_channel and stamps.size == len(rows) and in_order and find_epoch(stamps),
             ),  # a burst may share one
         )
-        found += [(points, form) for points, holds in rules if holds and stamps.size >= _MIN_ROWS]
+        found += [(points, form) for points, holds in rules if holds]
     return max(found, key=lambda one: one[0], default=(0, None))[1]
 
 
