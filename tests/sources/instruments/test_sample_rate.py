@@ -24,6 +24,8 @@ TABLE = ["t,a", "0,1", "1,2", "2,3"]
         ("# Sampling Period = 4us", 4e-6),
         ("Abtastrate: 50 Hz", 0.02),
         ("; Samplerate: 20 MHz", 5e-8),
+        ("# sampled at 125 Hz", 0.008),
+        ("# fps: 30", 1 / 30),
         ('# fs = "12,50"', 0.08),
         ("Sample interval = 0,001 s", 1e-3),
         ("# gain=2,fs=100,filter=5", 0.01),
@@ -71,13 +73,8 @@ STARTS = [
 @given(st.lists(st.sampled_from(STARTS) | st.text(max_size=12), max_size=14))
 def test_no_first_lines_make_a_rule_fail(lines):
     found = find_preface(lines)
-    if found is None:
-        return
-    assert len(found.names) == len(found.units) or not found.names or not found.units
     assert found.period is None or 0 < found.period < float("inf")
-    assert found.first_row is None or 0 < found.first_row <= len(lines)
-    if found.names:
-        assert found.time_column in (None, "none", *range(len(found.names)))
+    assert 0 < found.first_row <= max(1, len(lines))
 
 
 @each(
