@@ -8,18 +8,19 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from scipy.optimize import minimize
 
 from kalscope.common.numbers import Array
-from kalscope.filtering.filter import KalmanFilter, empty_rows
+from kalscope.filtering.filter import FilterResult, KalmanFilter, empty_rows
 from kalscope.filtering.params import FilterParams
 
 SEARCHED = 8_000
 """Samples in the middle of a record that are enough for the search; the evidence is that of all."""
 
-_LEAST = np.log([1e-9, 1e-6, 1e-4, 1e-9])
+_LEAST = np.log([1e-5, 1e-6, 1e-4, 1e-5])
 _MOST = np.log([1e2, 1e6, 0.1, 1e3])
 """Limits of what is searched: ln(q/r), ln(r over that of one speed), ln(spikes), ln(fast q/r). The least share of
 spikes is as good as none."""
@@ -40,13 +41,19 @@ class TwoSpeeds:
     """That of the most likely one with fast = 1."""
     samples: int
     """Readings that these are of."""
+    better: float
+    """Mean by which the prediction errors of two speeds are smaller, in its standard errors: where the noise level
+    changes, the likelihood rises, but no prediction becomes better."""
 
     def is_clear(self, loglik: float = -math.inf) -> bool:
         """Whether two speeds are likelier than one, and than a filter of this `loglik`, by enough.
 
         The margin is larger than that of one parameter: the search tries many factors (prototype: no false choice).
         """
-        return self.loglik - max(self.one_loglik, loglik) > 1.5 * math.log(max(self.samples, 1)) + 3.0
+        return (
+            self.loglik - max(self.one_loglik, loglik) > 1.5 * math.log(max(self.samples, 1)) + 3.0
+            and self.better > 2.0
+        )
 
 
 def fit_two_speeds(z: Array, steps: Array, one: FilterParams) -> TwoSpeeds:
@@ -60,28 +67,38 @@ def fit_two_speeds(z: Array, steps: Array, one: FilterParams) -> TwoSpeeds:
         r = size * float(one.r)
         return FilterParams(ratio * r, r, fast=max(moving[0] / ratio, 1.0) if moving else 1.0, spikes=spikes)
 
-    def search(begin: Array, evaluations: int) -> tuple[float, Array]:
+    def search(begin: Any, evaluations: int) -> tuple[float, list[float]]:
         options = {"maxfev": evaluations, "xatol": 0.02, "fatol": 0.02}
         end = minimize(
-            lambda at: -_loglik(part, periods, params_at(at)), begin, method="Nelder-Mead", options=options
+            lambda at: -float(_run(part, periods, params_at(at)).loglik),
+            begin,
+            method="Nelder-Mead",
+            options=options,
         )
-        return end.fun, end.x
+        return float(end.fun), end.x.tolist()
 
     ratio = math.log(max(one.ratio, 1e-9))
-    no_spikes, some = _LEAST[2], math.log(0.01)
+    spikes = _LEAST[2], math.log(0.01)
+    alone = [search(np.array([ratio, 0.0, share]), 60) for share in spikes]
     begins = [
-        np.array([ratio + math.log(less), 0.0, spikes, ratio + math.log(more)])
+        np.array([ratio + math.log(less), 0.0, share, ratio + math.log(more)])
         for less, more in _STARTS
-        for spikes in (no_spikes, some)
+        for share in spikes
     ]
-    _, best = min((search(begin, 60) for begin in begins), key=lambda end: end[0])
-    _, best = search(best, 200)
-    _, alone = min(
-        (search(np.array([ratio, 0.0, spikes]), 60) for spikes in (no_spikes, some)), key=lambda end: end[0]
+    best = search(min(search(begin, 60) for begin in begins)[1], 200)
+    alone = search(min(*alone, search(best[1][:3], 60))[1], 120)
+    two, single = (_run(rows, steps, params_at(np.array(end[1]))) for end in (best, alone))
+    better = np.abs(single.innovation) - np.abs(two.innovation)
+    better = better[np.isfinite(better)]
+    spread = float(better.std()) / math.sqrt(max(len(better), 1))
+    return TwoSpeeds(
+        params_at(np.array(best[1])),
+        two.loglik,
+        single.loglik,
+        int(two.m),
+        float(better.mean()) / spread if spread else 0.0,
     )
-    two, single = params_at(best), params_at(alone)
-    return TwoSpeeds(two, _loglik(rows, steps, two), _loglik(rows, steps, single), int(np.isfinite(z).sum()))
 
 
-def _loglik(rows: Array, steps: Array, params: FilterParams) -> float:
-    return float(KalmanFilter(params).take(rows, steps, empty_rows(params, len(rows))).loglik)
+def _run(rows: Array, steps: Array, params: FilterParams) -> FilterResult:
+    return KalmanFilter(params).take(rows, steps, empty_rows(params, len(rows)))
