@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from kalscope.common.numbers import Array, Indices, Mask
 from kalscope.errors import BadSetting
-from kalscope.filtering import kernels
+from kalscope.filtering import kernels, two_speeds
 from kalscope.filtering.params import (
     FilterParams,
     checked_readings,
@@ -36,7 +36,7 @@ PIECE = 16384
 FIRST_CAPACITY = 4096
 """Rows allocated at first for a record that grows; the capacity doubles."""
 
-_ROWS = ("x", "p", "k", "innovation", "s", "velocity", "velocity_p")
+_ROWS = ("x", "p", "k", "innovation", "s", "velocity", "velocity_p", "moving")
 Counts = NDArray[np.int64]
 _NO_TIME = (1.0, 0.0, 0.0, 0.0, 0.0)
 _PLAIN_STEP, _TRANSITION = kernels.step.py_func, kernels.transition.py_func
@@ -71,6 +71,8 @@ class FilterResult:
     """Filtered velocity, unit per nominal sample period; None without momentum."""
     velocity_p: Array | None = None
     """Its posterior variance."""
+    moving: Array | None = None
+    """With two speeds, the probability that the signal moves, 0 … 1; None with one."""
     params: FilterParams | None = field(default=None, kw_only=True)
     """The parameters of `kalman_filter`; None for another filter, or where not all samples were kept."""
     dt: Array | None = field(default=None, kw_only=True)
@@ -103,14 +105,14 @@ class SmootherResult:
 
 
 Rows = tuple[kernels.States, kernels.Readings]
-"""Arrays that the loops fill: x, v, p, g and w, shape (rows,), of which v, g and w are empty without momentum; k,
-innovation and s on the scale of x, shape (rows, sensors)."""
+"""Arrays that the loops fill: x, v, p, g and w, shape (rows,), of which v, g and w are empty without momentum (with
+two speeds v is the probability of moving); k, innovation and s on the scale of x, shape (rows, sensors)."""
 
 
 def empty_rows(params: FilterParams, rows: int) -> Rows:
     """Arrays for this many rows."""
-    moving, shape = rows if params.momentum else 0, (rows, params.sensors)
-    x, v, p, g, w = (np.empty(size) for size in (rows, moving, rows, moving, moving))
+    more, shape = rows if params.momentum else 0, (rows, params.sensors)
+    x, v, p, g, w = (np.empty(size) for size in (rows, rows if params.fast else more, rows, more, more))
     return (x, v, p, g, w), (np.empty(shape), np.empty(shape), np.empty(shape))
 
 
@@ -130,7 +132,8 @@ class KalmanFilter:
         self._scales = None if params.reads_x else (params.offset, params.gain)
         self._sensors = list(zip(params.offset.tolist(), params.gain.tolist(), self._r.tolist(), strict=True))
         x, p = (math.nan if params.x0 is None else params.x0), (math.inf if params.p0 is None else params.p0)
-        self._state: kernels.State = (x, 0.0, p, 0.0, 0.0 if self._tau is None else 0.5 * params.q / self._tau)
+        v = 0.0 if params.fast is None else two_speeds.SHARE
+        self._state: kernels.State = (x, v, p, 0.0, 0.0 if self._tau is None else 0.5 * params.q / self._tau)
         self._in_a_row, self._k = [0] * params.sensors, [0.0] * params.sensors
         self._step = _PLAIN_STEP if self._tau is None else kernels.step
         self._dt, self._over = 1.0, _TRANSITION(1.0, params.q, self._tau)
@@ -155,6 +158,11 @@ class KalmanFilter:
         """Filtered velocity, unit per nominal sample period; NaN without momentum."""
         return math.nan if self._tau is None else self._state[1]
 
+    @property
+    def moving(self) -> float:
+        """Probability that the signal moves, 0 … 1; NaN with one speed."""
+        return math.nan if self.params.fast is None else self._state[1]
+
     def update(self, z: ArrayLike, dt: float | None = None) -> float:
         """Take one row and return the filtered value.
 
@@ -168,6 +176,13 @@ class KalmanFilter:
         """
         elapsed = 1.0 if dt is None else step_of(dt)
         readings = (z,) if self._scales is None and isinstance(z, float) and not math.isinf(z) else self._row(z)
+        if self.params.fast is not None:
+            grown, lasting = elapsed * self.params.q, two_speeds.LASTING**elapsed
+            model = self.params.fast, self._sensors[0][2], self.params.spikes
+            self._state, self._k[0], *_ = two_speeds.step_two_speeds(
+                readings[0], grown, lasting, *model, self._state
+            )
+            return self._state[0]
         if elapsed != self._dt:
             self._dt, self._over = elapsed, _TRANSITION(elapsed, self.params.q, self._tau)
         over, counts = self._over, self._in_a_row
@@ -212,14 +227,21 @@ class KalmanFilter:
             self._k = k[-1].tolist()
         fuses = self.params.fuses
         k, innovation, s = (k, innovation, s) if fuses else (k[:, 0], innovation[:, 0], s[:, 0])
-        moving = () if self._tau is None else (v, w)
+        velocity = (None, None) if self._tau is None else (v, w)
+        moving = None if self.params.fast is None else v
         rejected = refused if fuses else int(refused[0])
-        return FilterResult(x, p, k, innovation, s, loglik, int(scored.sum()), rejected, *moving)
+        return FilterResult(x, p, k, innovation, s, loglik, int(scored.sum()), rejected, *velocity, moving)
 
     def _run_loop(self, readings: Array, steps: Array, rows: Rows, *, keep: bool) -> tuple[Counts, Counts, float]:
         """The readings rejected and scored of each sensor, and the log-likelihood on the scale of x."""
         in_a_row = np.array(self._in_a_row, dtype=np.int64)
         refused, scored, ells = np.zeros_like(in_a_row), np.zeros_like(in_a_row), np.zeros(len(in_a_row))
+        if self.params.fast is not None:
+            speeds = self.params.q, self.params.fast, float(self._r[0]), self.params.spikes
+            self._state, scored[0], loglik = two_speeds.filter_two_speeds(
+                readings, steps, *speeds, self._state, *rows, keep or None
+            )
+            return refused, scored, loglik
         model = self.params.q, self._tau, self._scales, self._r, self._gate
         tally = in_a_row, refused, scored
         self._state, loglik = kernels.filter_rows(
@@ -234,6 +256,10 @@ class KalmanFilter:
 
     def denoise(self, z: Array, steps: Array, out: Array) -> None:
         """X only of one sensor that reads x itself, from the start, into `out`; z is not checked yet."""
+        if self.params.fast is not None:
+            rows = empty_rows(self.params, 0)
+            self._run_loop(checked_readings(z, self.params), steps, ((out, *rows[0][1:]), rows[1]), keep=False)
+            return
         stopped = kernels.denoise_samples(
             z, steps, self.params.q, self._tau, float(self._r[0]), self._gate, self._state, out
         )
@@ -245,8 +271,10 @@ class KalmanFilter:
         readings = checked_readings(z, self.params)
         steps = steps_of(dt, len(readings))
         rows, start = empty_rows(self.params, len(readings)), self._state[0]
-        self._run_loop(readings, steps, rows, keep=self._scales is not None)
+        self._run_loop(readings, steps, rows, keep=self._scales is not None or self.params.fast is not None)
         x, v, p, _, w = rows[0]
+        if self.params.fast is not None:  # the process noise that the filter expected, sample by sample
+            steps = (steps if len(steps) else 1.0) * (1.0 + (self.params.fast - 1.0) * v)
         if len(x) and math.isnan(start):
             start = float(x[0] if math.isfinite(x[0]) else x[np.isfinite(x).argmax()])
         if len(x) and not math.isnan(start):
@@ -522,7 +550,7 @@ def filter_at(z: ArrayLike, params: FilterParams, indices: Indices, dt: ArrayLik
     steps, one = steps_of(dt, len(samples)), KalmanFilter(params)
     rows, result = empty_rows(params, min(PIECE, len(samples))), one.run(samples[:0])
     kept = {name: np.empty((len(at), *row.shape[1:])) for name, row in result.rows.items()}
-    is_plain = params.reads_x and not params.momentum and params.gate is None and not len(steps)
+    is_plain = params.reads_x and not params.momentum and params.gate is None and not params.fast and not len(steps)
     first = picked = 0
     while first < len(samples):
         readings = checked_readings(samples[first : first + PIECE], params, first)

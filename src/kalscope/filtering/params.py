@@ -28,6 +28,8 @@ MAX_VARIANCE = 1e300
 """Largest variance accepted: sums of two of them still fit a double."""
 MAX_OFFSET = 1e200
 """Largest offset accepted, and the largest reading of a sensor with offset and gain: x then stays finite."""
+MAX_FAST = 1e12
+"""Largest factor between the two process noises."""
 MIN_GAIN, MAX_GAIN = 1e-100, 1e100
 """Smallest and largest size of a gain."""
 
@@ -39,6 +41,8 @@ _MUST = {
     "x0": ("a finite number in the unit of the signal", -sys.float_info.max, sys.float_info.max),
     "gate": ("a finite threshold on v²/s above 0, such as 9", math.ulp(0.0), sys.float_info.max),
     "momentum": ("a number of sample periods from 0 to 1e5", 0.0, MAX_MOMENTUM),
+    "fast": ("a factor from 1 to 1e12", 1.0, MAX_FAST),
+    "spikes": ("a probability from 0 to 0.5", 0.0, 0.5),
     "offset": ("a number of a size up to 1e200", 0.0, MAX_OFFSET),
     "gain": ("a number of a size from 1e-100 to 1e100", MIN_GAIN, MAX_GAIN),
 }
@@ -73,6 +77,11 @@ class FilterParams:
     """Reading of each sensor where the quantity is 0, shape (sensors,), read-only."""
     gain: Array = cast("Array", 1.0)  # noqa: RUF009
     """Rise of each reading when the quantity rises by 1, not 0, shape (sensors,), read-only."""
+    fast: float | None = None
+    """Two speeds: q grows to fast q while the signal moves, 1 … 1e12; None = one speed. For one sensor that reads x
+    itself, with r > 0, without momentum and gate."""
+    spikes: float = 0.0
+    """With two speeds, the probability that a reading is a spike, of ten times the noise, 0 … 0.5."""
 
     def __post_init__(self) -> None:
         checked: dict[str, Any] = {"r": _number("r", self.r) if np.ndim(self.r) == 0 else _each("r", self.r, None)}
@@ -81,9 +90,10 @@ class FilterParams:
             value: Any = getattr(self, name)
             is_none = np.ndim(checked["r"]) == 0 and np.array_equal(np.atleast_1d(value), none)
             checked[name] = none if is_none else _each(name, value, sensors)
-        for name in ("q", "p0", "x0", "gate", "momentum"):
+        for name in ("q", "p0", "x0", "gate", "momentum", "fast", "spikes"):
             value = getattr(self, name)
-            checked[name] = None if value is None and name not in ("q", "momentum") else _number(name, value)
+            is_none = value is None and name not in ("q", "momentum", "spikes")
+            checked[name] = None if is_none else _number(name, value)
         for name, value in checked.items():
             object.__setattr__(self, name, value)
         if self.x0 is not None and self.p0 is None:
@@ -94,6 +104,10 @@ class FilterParams:
             )
         if not self.reads_x:
             self._check_sensors()
+        others = self.momentum or self.gate or not self.reads_x or self.r == 0.0
+        if (self.fast is not None and others) or (self.fast is None and self.spikes):
+            must = "two speeds need one sensor with r > 0, no momentum and no gate; spikes are a part of them"
+            raise BadSetting(f"{must} (got {self})")
 
     def _check_sensors(self) -> None:
         if np.count_nonzero(np.equal(self.r, 0.0)) > 1:
@@ -148,6 +162,11 @@ class FilterParams:
         return self.information / self.information.sum()
 
     @property
+    def moving(self) -> FilterParams:
+        """The filter of one speed that two speeds are while the signal surely moves."""
+        return replace(self, q=self.q * (self.fast or 1.0), fast=None, spikes=0.0)
+
+    @property
     def as_single(self) -> FilterParams:
         """The filter of the mean of (z − offset)/gain weighted by `shares`: the fused one while all answer.
 
@@ -187,7 +206,16 @@ class FilterParams:
 _NO_OFFSET, _NO_GAIN = np.zeros(1), np.ones(1)
 _NO_OFFSET.setflags(write=False)
 _NO_GAIN.setflags(write=False)
-_USUAL: dict[str, Any] = {"p0": None, "x0": None, "gate": None, "momentum": 0.0, "offset": 0.0, "gain": 1.0}
+_USUAL: dict[str, Any] = {
+    "p0": None,
+    "x0": None,
+    "gate": None,
+    "momentum": 0.0,
+    "offset": 0.0,
+    "gain": 1.0,
+    "fast": None,
+    "spikes": 0.0,
+}
 
 
 def require_params(params: object) -> FilterParams:

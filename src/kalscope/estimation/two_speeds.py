@@ -1,0 +1,104 @@
+"""Two speeds from a record: both process noises and the share of spikes, where the evidence is clear.
+
+The likelihood is that of the filter itself, so what is fitted is what a device runs. It is searched from several
+starts, because steps, rests with walks and bursts lie far apart: the noise of the steps' rest is a millionth of r.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.optimize import minimize
+
+from kalscope.common.numbers import Array
+from kalscope.filtering.filter import FilterResult, KalmanFilter, empty_rows
+from kalscope.filtering.params import FilterParams
+
+SEARCHED = 8_000
+"""Samples in the middle of a record that are enough for the search; the evidence is that of all."""
+
+_LEAST = np.log([1e-5, 1e-6, 1e-4, 1e-5])
+_MOST = np.log([1e2, 1e6, 0.1, 1e3])
+"""Limits of what is searched: ln(q/r), ln(r over that of one speed), ln(spikes), ln(fast q/r). The least share of
+spikes is as good as none."""
+
+_STARTS = ((0.1, 5.0), (1e-2, 10.0), (1e-7, 10.0))
+"""q at rest and while moving, over that of one speed."""
+
+
+@dataclass(frozen=True)
+class TwoSpeeds:
+    """The most likely filter with two speeds, against one speed with the same hypothesis of spikes."""
+
+    params: FilterParams
+    """With `fast`."""
+    loglik: float
+    """Its log-likelihood, of all samples."""
+    one_loglik: float
+    """That of the most likely one with fast = 1."""
+    samples: int
+    """Readings that these are of."""
+    better: float
+    """Mean by which the prediction errors of two speeds are smaller, in its standard errors: where the noise level
+    changes, the likelihood rises, but no prediction becomes better."""
+
+    def is_clear(self, loglik: float = -math.inf) -> bool:
+        """Whether two speeds are likelier than one, and than a filter of this `loglik`, by enough.
+
+        The margin is larger than that of one parameter: the search tries many factors (prototype: no false choice).
+        """
+        return (
+            self.loglik - max(self.one_loglik, loglik) > 1.5 * math.log(max(self.samples, 1)) + 3.0
+            and self.better > 2.0
+        )
+
+
+def fit_two_speeds(z: Array, steps: Array, one: FilterParams) -> TwoSpeeds:
+    """Search two speeds over checked samples z, shape (n,), from the fit `one`; `steps` empty = regular."""
+    first, rows = max(0, (len(z) - SEARCHED) // 2), z.reshape(-1, 1)
+    part, periods = rows[first : first + SEARCHED], steps[first : first + SEARCHED]
+
+    def params_at(at: Array) -> FilterParams:
+        limited = np.clip(at, _LEAST[: len(at)], _MOST[: len(at)])
+        ratio, size, spikes, *moving = np.exp(limited).tolist()
+        r = size * float(one.r)
+        return FilterParams(ratio * r, r, fast=max(moving[0] / ratio, 1.0) if moving else 1.0, spikes=spikes)
+
+    def search(begin: Any, evaluations: int) -> tuple[float, list[float]]:
+        options = {"maxfev": evaluations, "xatol": 0.02, "fatol": 0.02}
+        end = minimize(
+            lambda at: -float(_run(part, periods, params_at(at)).loglik),
+            begin,
+            method="Nelder-Mead",
+            options=options,
+        )
+        return float(end.fun), end.x.tolist()
+
+    ratio = math.log(max(one.ratio, 1e-9))
+    spikes = _LEAST[2], math.log(0.01)
+    alone = [search(np.array([ratio, 0.0, share]), 60) for share in spikes]
+    begins = [
+        np.array([ratio + math.log(less), 0.0, share, ratio + math.log(more)])
+        for less, more in _STARTS
+        for share in spikes
+    ]
+    best = search(min(search(begin, 60) for begin in begins)[1], 200)
+    alone = search(min(*alone, search(best[1][:3], 60))[1], 120)
+    two, single = (_run(rows, steps, params_at(np.array(end[1]))) for end in (best, alone))
+    better = np.abs(single.innovation) - np.abs(two.innovation)
+    better = better[np.isfinite(better)]
+    spread = float(better.std()) / math.sqrt(max(len(better), 1))
+    return TwoSpeeds(
+        params_at(np.array(best[1])),
+        two.loglik,
+        single.loglik,
+        int(two.m),
+        float(better.mean()) / spread if spread else 0.0,
+    )
+
+
+def _run(rows: Array, steps: Array, params: FilterParams) -> FilterResult:
+    return KalmanFilter(params).take(rows, steps, empty_rows(params, len(rows)))

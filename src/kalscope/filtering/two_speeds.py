@@ -1,0 +1,124 @@
+"""The compiled loop of the filter with two speeds, nothing else: calm at rest, quick while the signal moves.
+
+The signal rests, with process noise q, or moves, with fast q; a reading is good, with noise r, or a spike, with
+SPIKE r. From one x and p each of the four hypotheses predicts and updates; then they are merged into one x and p
+again, weighted by their probabilities: generalised pseudo-Bayes of first order (Ackerson & Fu 1970, IEEE Trans.
+Autom. Control 15(1); Bar-Shalom, Li & Kirubarajan 2001, section 11.6.4). What is carried on is the probability of
+moving, by a Markov chain; spikes come one by one.
+
+A device must compute the same digits, so nothing here is left to a library's exponential function.
+"""
+
+from __future__ import annotations
+
+import math
+
+from kalscope.common.compiled import compiled
+from kalscope.filtering.kernels import MISSING, START, UPDATED, Array, Readings, State, States
+
+START_MOVING, STOP_MOVING = 0.01, 0.1
+"""Probabilities, per nominal sample period, that a signal at rest begins to move, and that a moving one rests."""
+
+SHARE = START_MOVING / (START_MOVING + STOP_MOVING)
+"""Of the time that the chain moves: the probability of moving at a start, and after a long gap."""
+
+LASTING = 1.0 - START_MOVING - STOP_MOVING
+"""What a sample period leaves of a difference from SHARE."""
+
+SPIKE = 100.0
+"""Noise variance of a spike in units of r."""
+
+NEVER = 32.0
+"""An exponent of which nothing is left: e^-32 is 1e-14."""
+
+
+@compiled(plain=True, inner=True, inline="always")
+def exp_minus(u: float) -> float:
+    """Exp(-u) of u ≥ 0 by arithmetic alone, to 2e-8 where u ≤ 8: Padé's (3, 3) of u/32, five times squared."""
+    if u >= NEVER:
+        return 0.0
+    y = u / NEVER
+    even, odd = 1.0 + y * y * 0.1, y * (0.5 + y * y * (1.0 / 120.0))
+    power = (even - odd) / (even + odd)
+    power *= power
+    power *= power
+    power *= power
+    power *= power
+    return power * power
+
+
+@compiled(plain=True, forceinline=True)
+def step_two_speeds(
+    y: float, grown: float, lasting: float, fast: float, r: float, spikes: float, state: State
+) -> tuple[State, float, float, float, float, float, int]:
+    """One reading after a step that adds the variance `grown` at rest and leaves `lasting` of the chain's memory.
+
+    `state` holds x, the probability of moving, and p. Returns the state, the gain, the innovation, its variance,
+    `total` and `least`, and what was done, as `filtering.kernels.step`. An infinite p is the exact diffuse start.
+    The log-likelihood is ln `total` - `least` - ½ ln 2π.
+    """
+    x, moving, p = state[0], SHARE + lasting * (state[1] - SHARE), state[2]
+    grown_fast = fast * grown
+    ahead = p + grown + moving * (grown_fast - grown)
+    s = ahead + r * (1.0 + spikes * (SPIKE - 1.0))
+    if math.isnan(y):
+        return (x, moving, ahead, 0.0, 0.0), 0.0, math.nan, s, 1.0, 0.0, MISSING
+    if math.isinf(p):
+        return (y, moving, r, 0.0, 0.0), 1.0, math.nan, math.inf, 1.0, 0.0, START
+    if math.isnan(x):  # p0 is given, x0 is this first reading
+        return (y, moving, ahead / s * r, 0.0, 0.0), ahead / s, math.nan, s, 1.0, 0.0, START
+    v = y - x
+    half = 0.5 * v * v
+    # the smallest exponent: that weight stays, however far the reading lies away
+    least = half / (p + grown_fast + (SPIKE * r if spikes > 0.0 else r))
+    total = mean = square = left = faster = 0.0
+    for is_spike in range(2 if spikes > 0.0 else 1):
+        noise, chance = (SPIKE * r, spikes) if is_spike else (r, 1.0 - spikes)
+        for is_fast in range(2):
+            before = p + (grown_fast if is_fast else grown)
+            certain = 1.0 / (before + noise)
+            k = before * certain
+            weight = chance * (moving if is_fast else 1.0 - moving) * math.sqrt(certain)
+            weight *= exp_minus(half * certain - least)
+            total += weight
+            mean += weight * k
+            square += weight * k * k
+            left += weight * k * noise
+            if is_fast:
+                faster += weight
+    k = mean / total
+    spread = max(square / total - k * k, 0.0)  # of the gains, and so of the hypotheses' x
+    state = (x + k * v, faster / total, left / total + spread * v * v, 0.0, 0.0)
+    return state, k, v, s, total, least, UPDATED
+
+
+@compiled(plain=True)
+def filter_two_speeds(
+    z: Array,
+    dt: Array,
+    q: float,
+    fast: float,
+    r: float,
+    spikes: float,
+    state: State,
+    states: States,
+    readings: Readings,
+    keep: bool | None,
+) -> tuple[State, int, float]:
+    """Filter z, shape (n, 1), into `states` = (x, probability of moving, p) and `readings` = (k, innovation, s).
+
+    `dt` empty means regular sampling. `keep` None writes x alone, and leaves out the likelihood. Returns the last
+    state, the readings scored and their log-likelihood.
+    """
+    scored, loglik, regular = 0, 0.0, dt.shape[0] == 0
+    for i in range(z.shape[0]):
+        grown, lasting = (q, LASTING) if regular else (q * dt[i], LASTING ** dt[i])
+        state, k, v, s, total, least, done = step_two_speeds(z[i, 0], grown, lasting, fast, r, spikes, state)
+        states[0][i] = state[0]
+        if keep is not None:
+            states[1][i], states[2][i] = state[1], state[2]
+            readings[0][i, 0], readings[1][i, 0], readings[2][i, 0] = k, v, s
+            if done == UPDATED:
+                scored += 1
+                loglik += math.log(total) - least
+    return state, scored, loglik - 0.5 * scored * math.log(2.0 * math.pi)

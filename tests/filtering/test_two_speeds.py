@@ -1,0 +1,110 @@
+"""The filter with two speeds: its laws, and an independent calculation of its mixture."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.stats import norm
+
+from kalscope import BadSetting, FilterParams, denoise, kalman_filter, smooth
+from kalscope.filtering.filter import KalmanFilter
+from kalscope.filtering.two_speeds import SPIKE, START_MOVING, STOP_MOVING
+
+PARAMS = FilterParams(q=1e-4, r=1.0, fast=2e6, spikes=0.01)
+
+
+@pytest.fixture
+def record():
+    """Steps, noise, spikes, missing samples and uneven periods."""
+    rng = np.random.default_rng(4)
+    z = np.cumsum((rng.random(600) < 0.01) * rng.normal(0, 15, 600)) + rng.normal(size=600)
+    z[::97] += 30.0
+    z[200:230] = np.nan
+    return z, rng.choice([0.5, 1.0, 3.0], 600)
+
+
+def mixture(z, dt, params):
+    """X, p, probability of moving and log-likelihood, hypothesis by hypothesis with the densities of scipy."""
+    chain = np.array([[1 - START_MOVING, START_MOVING], [STOP_MOVING, 1 - STOP_MOVING]])
+    values, vectors = np.linalg.eig(chain)
+    share = START_MOVING / (START_MOVING + STOP_MOVING)
+    x, p, speeds, total, rows = z[0], params.r, np.array([1 - share, share]), 0.0, []
+    rows.append((x, p, speeds[1]))
+    for reading, period in zip(z[1:], dt[1:], strict=True):
+        speeds = speeds @ (vectors @ np.diag(values**period) @ np.linalg.inv(vectors))
+        grown = p + params.q * period * np.array([1.0, params.fast])
+        if np.isnan(reading):
+            p = float(speeds @ grown)
+        else:
+            noise = params.r * np.array([1.0, SPIKE])
+            s = grown[:, None] + noise
+            joint = speeds[:, None] * np.array([1 - params.spikes, params.spikes])
+            joint = joint * norm.pdf(reading, x, np.sqrt(s))
+            total += np.log(joint.sum())
+            joint /= joint.sum()
+            gains = grown[:, None] / s
+            each = x + gains * (reading - x)
+            x = float((joint * each).sum())
+            p = float((joint * (grown[:, None] * noise / s + (each - x) ** 2)).sum())
+            speeds = joint.sum(axis=1)
+        rows.append((x, p, speeds[1]))
+    return np.array(rows).T, total
+
+
+def test_it_is_the_mixture_of_four_hypotheses(record):
+    z, dt = record
+    got = kalman_filter(z, PARAMS, dt)
+    (x, p, moving), loglik = mixture(z, dt, PARAMS)
+    assert got.x == pytest.approx(x, rel=1e-6, abs=1e-6)
+    assert got.p == pytest.approx(p, rel=1e-5)
+    assert got.moving == pytest.approx(moving, abs=1e-6)
+    assert got.loglik == pytest.approx(loglik, rel=1e-8)
+    assert got.m == np.isfinite(z).sum() - 1
+
+
+def test_a_factor_of_1_is_one_speed(record):
+    z, dt = record
+    one, two = (kalman_filter(z, FilterParams(0.1, 1.0, fast=fast), dt) for fast in (None, 1.0))
+    for name in ("x", "p", "k", "innovation", "s"):
+        assert getattr(two, name) == pytest.approx(getattr(one, name), rel=1e-9, abs=1e-9, nan_ok=True)
+    assert two.loglik == pytest.approx(one.loglik, rel=1e-12)
+
+
+def test_stream_pieces_and_denoise_give_the_same_bits(record):
+    z, dt = record
+    whole, one, pieces = kalman_filter(z, PARAMS, dt), KalmanFilter(PARAMS), KalmanFilter(PARAMS)
+    streamed = [one.update(float(reading), float(period)) for reading, period in zip(z, dt, strict=True)]
+    assert np.array_equal(streamed, whole.x)
+    assert one.moving == whole.moving[-1]
+    assert np.array_equal(denoise(z, PARAMS, dt), whole.x)
+    parts = [pieces.run(z[i : i + 150], dt[i : i + 150]) for i in range(0, 600, 150)]
+    assert np.array_equal(np.concatenate([part.moving for part in parts]), whole.moving)
+
+
+def test_it_is_calm_at_rest_quick_at_a_step_and_back_after_a_spike():
+    rng = np.random.default_rng(1)
+    z = np.concatenate([np.zeros(300), np.full(300, 20.0)]) + rng.normal(size=600)
+    z[100] += 30.0
+    got = kalman_filter(z, PARAMS)
+    assert np.abs(np.delete(got.x[50:300], 50)).max() < 2.0
+    assert np.abs(got.x[303:] - 20.0).max() < 2.0
+    assert got.moving[300:303].max() > 0.9
+    assert np.median(got.moving[50:300]) < 0.02
+
+
+def test_the_smoother_is_closer_to_the_truth():
+    rng = np.random.default_rng(2)
+    x = np.cumsum((rng.random(2000) < 0.005) * rng.normal(0, 15, 2000))
+    z = x + rng.normal(size=2000)
+    filtered, smoothed = (np.sqrt(np.mean((one - x) ** 2)) for one in (denoise(z, PARAMS), smooth(z, PARAMS).x))
+    assert smoothed < filtered < 0.5
+
+
+@pytest.mark.parametrize(
+    "refused",
+    [{"fast": 0.5}, {"fast": np.nan}, {"fast": 10.0, "momentum": 3.0}, {"fast": 10.0, "gate": 9.0},
+     {"spikes": 0.1}, {"fast": 10.0, "spikes": 0.6}, {"fast": 10.0, "r": 0.0}, {"fast": 10.0, "r": [1.0, 2.0]}],
+)  # fmt: skip
+def test_what_two_speeds_cannot_be_is_refused(refused):
+    with pytest.raises(BadSetting):
+        FilterParams(**{"q": 1.0, "r": 1.0, **refused})
