@@ -21,6 +21,7 @@ from kalscope.estimation.momentum import fit_movement, with_given_momentum, with
 from kalscope.estimation.noise import resolution_of
 from kalscope.estimation.result import Estimate, Pair
 from kalscope.estimation.spikes import Fit, checked_robust, spike_proof
+from kalscope.estimation.two_speeds import with_two_speeds
 from kalscope.estimation.verdict import NOWHERE, channel_fit, conclude, exp, fit_record
 from kalscope.filtering.params import MAX_MOMENTUM, MAX_VARIANCE, MIN_MOMENTUM, FilterParams
 from kalscope.filtering.steady import momentum_for_overshoot, ratio_for
@@ -36,6 +37,7 @@ def estimate(
     cancelled: Callable[[], bool] | None = None,
     momentum: float | Literal["auto"] = "auto",
     robust: bool | Literal["auto"] = "auto",
+    two_speeds: bool = False,
 ) -> Estimate:
     """Find q, r and momentum in a record, with intervals and a verdict in words.
 
@@ -52,6 +54,8 @@ def estimate(
         robust: whether spikes, samples that neither those before nor those after predict, are set aside before the
             fit: True always, False never, "auto" where there are any. Only "ml" can: with another method "auto" is
             False.
+        two_speeds: whether a filter with two speeds is used, calm at rest and quick while the signal moves, where
+            the record shows them clearly: by 1.5 ln n + 3 in log-likelihood, and by its prediction errors.
 
     Returns:
         An Estimate; its `params` are None where the record gives no usable pair, and its `message` says why.
@@ -85,7 +89,12 @@ def estimate(
 
     full = channel(tau)
     whole = spike_proof(full, channel if tau is None else lambda _: full, checked_robust(robust, method == "ml"))
-    return fit_record(z, dt, Progress(progress, cancelled), whole)
+    if not two_speeds:
+        return fit_record(z, dt, Progress(progress, cancelled), whole)
+    shown = Progress(progress, cancelled)
+    one = with_two_speeds(fit_record(z, dt, shown.part(0.0, 0.4), whole), z, dt)
+    shown(1.0, "two speeds")
+    return one
 
 
 def checked_momentum(momentum: float | Literal["auto"], method: str) -> float | None:

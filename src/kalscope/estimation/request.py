@@ -139,6 +139,8 @@ class Request:
     """Share of a step that the target may cost; the momentum follows from both."""
     robust: bool | Literal["auto"] = "auto"
     """Whether spikes are set aside, as `estimate` takes it."""
+    two_speeds: bool = False
+    """Whether two speeds are used where the record shows them, as `estimate` takes it; only without a goal."""
     setting: str = ""
     """Of an answer: "light", "medium" or "strong" where the record shows hardly any noise, "slow" where it shows no
     movement; "" where q and r were estimated or asked for."""
@@ -174,6 +176,8 @@ class Request:
             raise BadSetting(
                 f"overshoot needs a target such as a lag, and no momentum, which follows from both (got {got})"
             )
+        if self.two_speeds and (targets or tau or self.noise != Noise() or self.method != "ml"):
+            raise BadSetting("two speeds are found with q and r: leave out a goal, the noise, momentum and method")
         if tau and not self.target and (self.ratio is not None or self.noise != Noise()):
             raise BadSetting(
                 'momentum must be "auto" or 0 with a ratio or known noise: it is estimated with q and r '
@@ -305,7 +309,9 @@ def _fitted(
     code = code_in(z) if request.method == "ml" and request.robust == "auto" else None
     coded, note = z == code, ""
     kept = z if code is None else np.where(coded, np.nan, z)
-    one = estimate(kept, request.method, dt, progress, cancelled, request.momentum, request.robust)
+    one = estimate(
+        kept, request.method, dt, progress, cancelled, request.momentum, request.robust, request.two_speeds
+    )
     if code is not None:
         one = replace(one, outliers=coded if one.outliers is None else one.outliers | coded)
         note = f"{code:.6g} came {count(int(coded.sum()))} times, far from the rest, and is left out of the fit."
@@ -323,7 +329,7 @@ def _answer(z: Array, dt: Array | None, period: float | None, begun: FitResult) 
     if pair is None and one.verdict == "too_many_outliers" and one.q > 0.0 and one.r > 0.0:
         pair = FilterParams(q=one.q, r=one.r, momentum=float(one.momentum))
     given = request.noise != Noise()
-    decided = given or request.method != "ml" or request.momentum != "auto"
+    decided = given or request.method != "ml" or request.momentum != "auto" or request.two_speeds
     r = float(one.r) if one.r > 0.0 else noise_scale(z)
     if pair is not None and (decided or pair.gate is not None or noise_left(pair) < HARDLY):
         reason, params, text = "best_fit", pair, one.message
@@ -337,7 +343,9 @@ def _answer(z: Array, dt: Array | None, period: float | None, begun: FitResult) 
         text = f"{one.message} Until then q = r: the filter follows within a sample."
     name = reason if reason in ("medium", "slow") else ""
     how = f"the {name} setting, q/r = {number(params.ratio, 4)}" if name else begun.how
-    params, before = with_gate_and_start(z, dt, params, one, movement), params.gate
+    before = params.gate
+    if params.fast is None:  # else a spike is a hypothesis of its own
+        params = with_gate_and_start(z, dt, params, one, movement)
     if params.gate != before:
         used = f"A gate of {gate_text(params.gate)} leaves less error here, and is used."
         text = f"{text} {used if params.gate else 'No gate is used: it would delay or keep out movement.'}"

@@ -71,6 +71,8 @@ def movement_of(z: Array, dt: Array | None, one: Estimate) -> Array:
         return np.zeros(len(z))
     kept = z if one.outliers is None else np.where(one.outliers, np.nan, z)
     r = max(float(one.r), SHARPEST * one.q)
+    if one.params is not None and one.params.fast is not None:
+        return smooth(z, one.params, dt).x
     return smooth(kept, FilterParams(q=one.q, r=r, momentum=float(one.momentum)), dt).x
 
 

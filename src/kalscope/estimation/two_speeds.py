@@ -7,15 +7,18 @@ starts, because steps, rests with walks and bursts lie far apart: the noise of t
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.optimize import minimize
 
 from kalscope.common.numbers import Array
+from kalscope.common.text import number, percent
+from kalscope.estimation.result import Estimate
 from kalscope.filtering.filter import FilterResult, KalmanFilter, empty_rows
-from kalscope.filtering.params import FilterParams
+from kalscope.filtering.params import FilterParams, one_record
 
 SEARCHED = 8_000
 """Samples in the middle of a record that are enough for the search; the evidence is that of all."""
@@ -24,6 +27,11 @@ _LEAST = np.log([1e-5, 1e-6, 1e-4, 1e-5])
 _MOST = np.log([1e2, 1e6, 0.1, 1e3])
 """Limits of what is searched: ln(q/r), ln(r over that of one speed), ln(spikes), ln(fast q/r). The least share of
 spikes is as good as none."""
+
+MANY = 1e-4
+"""Share of spikes from which they are mentioned."""
+
+NOT_CLEAR = "Two speeds do not explain it clearly better, so there is one."
 
 _STARTS = ((0.1, 5.0), (1e-2, 10.0), (1e-7, 10.0))
 """q at rest and while moving, over that of one speed."""
@@ -97,6 +105,37 @@ def fit_two_speeds(z: Array, steps: Array, one: FilterParams) -> TwoSpeeds:
         single.loglik,
         int(two.m),
         float(better.mean()) / spread if spread else 0.0,
+    )
+
+
+def with_two_speeds(one: Estimate, z: ArrayLike, dt: ArrayLike | None) -> Estimate:
+    """The estimate with two speeds where the record z, shape (n,), shows them clearly; else itself, which says so.
+
+    Its intervals are open: they are not found for two speeds.
+    """
+    samples, steps = one_record(z, dt)
+    if one.q <= 0.0 or one.r <= 0.0:
+        return one
+    found = fit_two_speeds(samples, steps, FilterParams(one.q, one.r))
+    if not found.is_clear(one.loglik if one.momentum and one.outliers is None else -math.inf):
+        return replace(one, message=f"{one.message} {NOT_CLEAR}")
+    params = found.params
+    spikes = f", {percent(params.spikes)} spikes" if params.spikes > MANY else ""
+    rest, moving, r = (number(each, 4) for each in (params.q, params.moving.q, float(params.r)))
+    text = (
+        f"The signal rests and moves: q = {rest} at rest, {moving} while it moves; r = {r}{spikes}. "
+        f"Log-likelihood {number(found.loglik - found.one_loglik, 4)} above that of one speed."
+    )
+    return Estimate(
+        q=params.q,
+        r=params.r,
+        loglik=found.loglik,
+        verdict="ok",
+        message=text,
+        params=params,
+        outliers=one.outliers,
+        outlier_share=one.outlier_share,
+        resolution=one.resolution,
     )
 
 

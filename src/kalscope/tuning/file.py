@@ -40,6 +40,8 @@ class _Filter(msgspec.Struct, kw_only=True):
     x0: float | Literal["first"] = "first"
     momentum: float | None = 0.0
     gate: float | None = None
+    fast: float | None = None
+    spikes: float | None = None
     how: str = ""
     chain: dict[str, Any] | None = None
 
@@ -68,7 +70,7 @@ class _File(msgspec.Struct, kw_only=True):
     fusion: _Fusion | None = None
 
 
-_COMMON = ("name", "unit", "q", "momentum", "gate", "how")
+_COMMON = ("name", "unit", "q", "momentum", "gate", "fast", "spikes", "how")
 _WORDS = {"p0": "diffuse", "x0": "first"}
 """What the file calls an automatic start, which is None elsewhere."""
 
@@ -142,7 +144,7 @@ def loads(text: str) -> Tuning:
 
 def _plain(tuning: Tuning) -> dict[str, Any]:
     """The tuning as the tables of the file."""
-    is_basic = tuning.fusion is None and not tuning.has_momentum and not tuning.has_chain
+    is_basic = tuning.fusion is None and not (tuning.has_momentum or tuning.has_chain or tuning.has_two_speeds)
     fusion = None
     if tuning.fusion is not None:
         columns = (getattr(tuning.fusion, name) for name in ("sensors", "r", "offset", "gain"))
@@ -163,12 +165,13 @@ def _values(one: ChannelTuning) -> dict[str, Any]:
     """What a channel and a fusion have in common."""
     values: dict[str, Any] = {name: getattr(one, name) for name in (*_COMMON, *_WORDS)}
     values |= {name: word for name, word in _WORDS.items() if values[name] is None}
-    return values | {"momentum": one.momentum or None}
+    return values | {"momentum": one.momentum or None, "spikes": one.spikes or None}
 
 
 def _tuning(one: _Filter) -> ChannelTuning:
     values: dict[str, Any] = {name: getattr(one, name) for name in (*_COMMON, *_WORDS)}
     values |= {name: None for name, word in _WORDS.items() if values[name] == word}
+    values["spikes"] = one.spikes or 0.0
     each: dict[str, Any] = {"r": one.r}
     if isinstance(one, _Fusion):
         each = {name: tuple(getattr(row, name) for row in one.sensors) for name in ("r", "offset", "gain")}

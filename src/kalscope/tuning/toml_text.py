@@ -54,6 +54,8 @@ _COMMENTS = {
     "x0": 'estimate before the first predict, unit; or "first": the first sample',
     "momentum": "how long the signal keeps its direction, in sample periods",
     "gate": "a sample whose v²/s exceeds it is not used",
+    "fast": "two speeds: q is this many times larger while the signal moves",
+    "spikes": "with two speeds, the probability that a reading is a spike",
     "median": "a median of this many samples comes first",
     "filter": 'what filters then; "kalman" = q, r, ... above',
     "window": "samples",

@@ -81,6 +81,10 @@ SAME_PERIOD = 1e-3
 """Sample periods with a smaller relative difference are equal: a median of time stamps is no more accurate."""
 
 
+_OF_PARAMS = ("q", "r", "p0", "x0", "gate", "momentum", "fast", "spikes")
+"""What a channel has of `FilterParams`."""
+
+
 def _now() -> str:
     return datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
 
@@ -115,6 +119,10 @@ class ChannelTuning:
     """Outlier gate on v²/s of each reading, > 0; None = off."""
     momentum: float = 0.0
     """Momentum τ: how long the signal keeps its direction, in nominal sample periods, 0 … 1e5; 0 = it does not."""
+    fast: float | None = None
+    """Two speeds: q grows to fast q while the signal moves, 1 … 1e12; None = one speed."""
+    spikes: float = 0.0
+    """With two speeds, the probability that a reading is a spike, 0 … 0.5."""
     chain: Chain | None = None
     """What filters in place of the Kalman filter, or before it; None = the Kalman filter alone."""
     sensors: tuple[str, ...] = ()
@@ -140,7 +148,9 @@ class ChannelTuning:
             )
         if self.sensors and self.chain is not None:
             raise BadSetting(f"a chain filters one channel (got it for the sensors {shown(list(self.sensors))})")
-        for name in ("q", "r", "p0", "x0", "gate", "momentum"):
+        if self.fast is not None and self.chain is not None:
+            raise BadSetting(f"two speeds run without a chain (got {self.chain.words})")
+        for name in _OF_PARAMS:
             object.__setattr__(self, name, getattr(params, name))
         for name in ("r", "offset", "gain") if self.sensors else ():
             object.__setattr__(self, name, tuple(getattr(params, name).tolist()))
@@ -150,6 +160,7 @@ class ChannelTuning:
         """The parameters as the filter takes them."""
         r = np.array(self.r) if self.sensors else self.r
         each: dict[str, Any] = {name: of for name in ("offset", "gain") if len(of := getattr(self, name))}
+        each |= {"fast": self.fast, "spikes": self.spikes}
         return FilterParams(self.q, r, self.p0, self.x0, self.gate, self.momentum, **each)
 
     @property
@@ -194,7 +205,7 @@ class ChannelTuning:
         cls, name: str, unit: str, params: FilterParams, how: str, sensors: tuple[str, ...] = ()
     ) -> ChannelTuning:
         """The tuning with these parameters."""
-        names = ("q", "r", "p0", "x0", "gate", "momentum", *(("offset", "gain") if sensors else ()))
+        names = (*_OF_PARAMS, *(("offset", "gain") if sensors else ()))
         values: dict[str, Any] = {one: getattr(params, one) for one in names}
         return cls(name, unit, **values, how=how, sensors=sensors)
 
@@ -278,6 +289,11 @@ class Tuning:
     def has_momentum(self) -> bool:
         """Whether any channel has momentum."""
         return any(channel.momentum > 0.0 for channel in self.channels)
+
+    @property
+    def has_two_speeds(self) -> bool:
+        """Whether any channel has two speeds."""
+        return any(channel.fast is not None for channel in self.channels)
 
     def rescaled(self, sample_period: float) -> Tuning:
         """The same filter in continuous time, for another sample period in s.
