@@ -190,7 +190,7 @@ class Notifications:
         self._shown[client] = client.add_notification(
             title=title,
             body=message[:1000],
-            auto_close_seconds=5.0 if good else 8.0,
+            auto_close_seconds=8.0,
             color=(0, 158, 115) if good else (213, 94, 0),
         )
 
