@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
-from kalscope import ChannelTuning, Recording, Tuning
+from kalscope import ChannelTuning, Recording, Tuning, kalman_filter
 from kalscope.filtering.kernels import transition
 
 ROWS = 400
@@ -70,6 +70,12 @@ def textbook(channel, z):
     return np.array(answers)
 
 
+def own_answer(channel, samples):
+    """Filtered value and gain after each sample, by Kalscope."""
+    run = kalman_filter(np.array(samples), channel.params)
+    return np.column_stack((run.x, run.k))
+
+
 def noisy(seed, level=0.0, sigma=1.0):
     rng = random.Random(seed)
     return [level + rng.gauss(0.0, sigma) for _ in range(ROWS)]
@@ -113,6 +119,17 @@ def extreme_channels():
     ]
 
 
+def channels_with_two_speeds():
+    """The difficulties that they can have, beside one without."""
+    cases = [(one, samples) for one, samples in channels_and_samples() if one.r and one.q and not one.gate]
+    spikes, steps = (samples for one, samples in channels_and_samples() if one.name in ("gate", "level jump"))
+    kinds = [(f"{one.name} twice", 10.0 ** (i + 1), 0.0 if i % 2 else 0.01) for i, (one, _) in enumerate(cases)]
+    return cases[:1] + [
+        (replace(one, name=name, fast=fast, spikes=share), samples if i else (*spikes[:200], *steps[200:]))
+        for i, ((one, samples), (name, fast, share)) in enumerate(zip(cases, kinds, strict=True))
+    ]
+
+
 MOMENTA = (20.0, 0.3, 1e5, 3.0, 100.0)
 
 
@@ -137,9 +154,15 @@ def shared_with_momentum():
     return answered(channels_with_momentum())
 
 
-@pytest.fixture(scope="session", params=["shared", "shared_with_momentum"])
+@pytest.fixture(scope="session")
+def shared_with_two_speeds():
+    """The cases with two speeds; `tests/filtering/test_two_speeds.py` has their textbook."""
+    return answered(channels_with_two_speeds())
+
+
+@pytest.fixture(scope="session", params=["shared", "shared_with_momentum", "shared_with_two_speeds"])
 def either(request):
-    """For targets that know momentum: the cases without it and those with it."""
+    """For targets that know all: the cases without momentum, with it, and with two speeds."""
     return request.getfixturevalue(request.param)
 
 
@@ -147,7 +170,9 @@ def answered(cases):
     """The cases with what the textbook answers."""
     channels = tuple(channel for channel, _ in cases)
     z = np.array([samples for _, samples in cases]).T
-    answers = np.array([textbook(channel, samples) for channel, samples in cases])
+    answers = np.array(
+        [textbook(one, samples) if one.fast is None else own_answer(one, samples) for one, samples in cases]
+    )
     names = tuple(channel.name for channel in channels)
     recording = Recording(np.arange(ROWS) * 0.01, names, ("",) * len(names), z, 0.01)
     return Shared(Tuning(channels, sample_period=0.01), recording, answers[..., 0].T, answers[..., 1].T)

@@ -88,7 +88,7 @@ def test_it_is_calm_at_rest_quick_at_a_step_and_back_after_a_spike():
     got = kalman_filter(z, PARAMS)
     assert np.abs(np.delete(got.x[50:300], 50)).max() < 2.0
     assert np.abs(got.x[303:] - 20.0).max() < 2.0
-    assert got.moving[300:303].max() > 0.9
+    assert got.moving[300:302].min() > 0.5  # at first it may be a spike
     assert np.median(got.moving[50:300]) < 0.02
 
 

@@ -40,6 +40,11 @@ class AddMomentum:
 
 
 @dataclass(frozen=True)
+class AddTwoSpeeds:
+    """Find two speeds: calm at rest, quick while the signal moves."""
+
+
+@dataclass(frozen=True)
 class SetSpikesAside:
     """Estimate again by the spike-proof fit, `robust=True`."""
 
@@ -79,6 +84,7 @@ Action = (
     | SetGate
     | EstimateAgain
     | AddMomentum
+    | AddTwoSpeeds
     | SetSpikesAside
     | UseStillStretch
     | GiveNoise

@@ -37,6 +37,8 @@ STATUSES: dict[str, tuple[str, Tone, str]] = {
         "At this rate hardly any noise shows: the medium setting smooths.",
     ),
     "slow": ("no movement", "note", "The record shows no movement, so any slow filter fits it."),
+    "two_speeds": ("two speeds", "good", "Two speeds explain this record clearly better than one."),
+    "set_speeds": ("set by hand", "note", "Two speeds, set by hand: only their search compares them with others."),
     "too_few": ("too few samples", "note", ""),
     "constant": ("constant signal", "note", "The signal is constant: there is nothing to judge the filter by."),
     "start": ("wrong start", "bad", "The filter starts too far from the signal."),
@@ -148,6 +150,8 @@ class Evidence:
     correlated; None where they are white."""
     lag_costs: bool = False
     """Whether the filter has momentum, and a lag of five samples without it would add more error than the noise."""
+    two_speeds: bool = False
+    """Whether the filter has two speeds, which only their search judges."""
     change: float = 1.0
     """Largest over least variance of the residuals among the parts of the record, where that is a misfit."""
 
@@ -173,6 +177,8 @@ def find_evidence(run: Run, seen: Indices, e: Array, spikes: Spikes, refusals: I
     evidence = Evidence(n, momentum=run.momentum > 0.0, refused=len(refusals), refused_in_a_row=in_a_row)
     if not e.any():
         return replace(evidence, constant=True)
+    if run.two_speeds:  # other pairs and the shape of its errors say nothing about it
+        return replace(evidence, two_speeds=True)
     mostly_lone = spikes.lone > spikes.jumps
     spiky, steps = mostly_lone and spikes.too_many(n, lone=True), not mostly_lone and spikes.too_many(n)
     outliers = spikes.off if spiky and len(spikes.off) <= MAX_OUTLIERS * n else spikes.off[:0]
@@ -239,6 +245,9 @@ def findings_of(evidence: Evidence, known: Known) -> list[Finding]:
     if evidence.constant:
         constant = Finding("constant", "the signal is constant: there is nothing to judge the filter by")
         return [_start(evidence) or constant]
+    if evidence.two_speeds:
+        status = "two_speeds" if known.estimated else "set_speeds"
+        return [Finding(status, STATUSES[status][2].lower())]
     if evidence.unchanged > MAX_UNCHANGED:
         return _rounded(evidence, known)
     if evidence.structure is not None and not known.estimated:  # another momentum may fit all parts

@@ -7,7 +7,14 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from kalscope.analysis.actions import AddMomentum, ChooseFilter, GiveNoise, RecordLonger, UseStillStretch
+from kalscope.analysis.actions import (
+    AddMomentum,
+    AddTwoSpeeds,
+    ChooseFilter,
+    GiveNoise,
+    RecordLonger,
+    UseStillStretch,
+)
 from kalscope.analysis.correction import MIN_SAMPLES
 from kalscope.analysis.diagnostics import Diagnostics
 from kalscope.analysis.findings import (
@@ -26,6 +33,7 @@ from kalscope.common.numbers import Array
 from kalscope.common.text import count, decibels, number, percent
 from kalscope.estimation.request import Request
 from kalscope.estimation.result import Estimate, Shared
+from kalscope.estimation.two_speeds import TwoSpeeds
 from kalscope.estimation.verdict import below_step
 from kalscope.filtering.steady import steady_state
 
@@ -178,6 +186,14 @@ def with_momentum(one: Judgement, tau: float, gain: float) -> Judgement:
         return one
     text = f"with momentum the errors at the same lag would be {percent(gain)} smaller"
     return replace(one, findings=(Finding(one.status, text, AddMomentum(tau)), *one.findings)[:MAX_ADVICE])
+
+
+def with_two_speeds(one: Judgement, found: TwoSpeeds) -> Judgement:
+    """The judgement of a filter with one speed on a record that shows two clearly."""
+    if not found.is_clear() or found.gain < LEAST_GAIN:
+        return one
+    text = f"the signal rests and moves: two speeds predict it with {percent(found.gain)} smaller errors"
+    return replace(one, findings=(Finding(one.status, text, AddTwoSpeeds()), *one.findings)[:MAX_ADVICE])
 
 
 def needs_noise(estimate: Estimate | None) -> bool:

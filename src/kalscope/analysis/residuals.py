@@ -31,9 +31,10 @@ class Run:
     n: int
     """Samples."""
     q: float
-    """Of the filter, as r and momentum."""
+    """Of the filter, as r, momentum, and whether it has two speeds."""
     r: float
     momentum: float
+    two_speeds: bool
     dt: Array | None
     """Nominal sample periods before each sample, shape (n,); None = 1 each."""
     pieces: Callable[[], Iterator[tuple[int, Columns]]]
@@ -54,7 +55,8 @@ class Run:
             for first in range(0, n, PIECE):
                 yield first, tuple(row[first : first + PIECE] for row in rows)
 
-        return Run(n, params.q, float(params.r), params.momentum, result.dt, pieces)
+        two_speeds = params.fast is not None
+        return Run(n, params.q, float(params.r), params.momentum, two_speeds, result.dt, pieces)
 
     @staticmethod
     def of_samples(z: Array, params: FilterParams, dt: ArrayLike | None = None) -> Run:
@@ -66,7 +68,8 @@ class Run:
 
         samples = one_channel(z, params)
         steps = None if dt is None else steps_of(dt, len(samples))
-        return Run(len(samples), params.q, float(params.r), params.momentum, steps, pieces)
+        two_speeds = params.fast is not None
+        return Run(len(samples), params.q, float(params.r), params.momentum, two_speeds, steps, pieces)
 
     def part(self, first: int, last: int) -> Run:
         """The samples from `first` to before `last`, counted from 0 again."""

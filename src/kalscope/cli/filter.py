@@ -54,6 +54,8 @@ params_options = option_group(
         "x0": number_option('Initial value, or "first": the first sample.', number_or("first")),
         "gate": number_option('Outlier gate on v²/s, such as 9, or "off".', number_or("off")),
         "momentum": number_option("How long the signal keeps its direction, in sample periods.", number),
+        "fast": number_option("Two speeds: q is this many times larger while the signal moves.", number),
+        "spikes": number_option("With --fast: probability that a reading is a spike, such as 0.01.", number),
         "chain": text_option("FILTERS", 'Filters to run, such as "median 5, kalman" or "one-euro 0.02 0.7 0.1".'),
     },
     _parameters,

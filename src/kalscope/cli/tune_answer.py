@@ -25,7 +25,7 @@ from kalscope.analysis.diagnostics import (
 )
 from kalscope.analysis.findings import KEEP, as_sentences
 from kalscope.analysis.fused import judge_fusion
-from kalscope.analysis.judge import Judgement, judge, needs_noise, with_momentum
+from kalscope.analysis.judge import Judgement, judge, needs_noise, with_momentum, with_two_speeds
 from kalscope.analysis.residuals import Run
 from kalscope.cli.tune_options import SPECIFICATIONS, FusionOptions, save
 from kalscope.common.numbers import Array
@@ -37,6 +37,7 @@ from kalscope.common.text import (
     frequency,
     gate_text,
     lag_in_full,
+    lag_text,
     number,
     percent,
     plural,
@@ -50,6 +51,7 @@ from kalscope.estimation.request import FitResult, Noise, Request, cost_text, fi
 from kalscope.estimation.result import Estimate
 from kalscope.estimation.settings import momentum_gain
 from kalscope.estimation.still import find_still_stretch
+from kalscope.estimation.two_speeds import fit_two_speeds
 from kalscope.filtering.params import FilterParams, scalar
 from kalscope.filtering.steady import SteadyState, steady_state
 from kalscope.recording import Recording
@@ -189,6 +191,8 @@ def answer_for(
         best = estimate(z, dt=dt, robust=request.robust)
         gain = momentum_gain(z, dt, result.params, best)
         judgement = with_momentum(judgement, float(best.momentum), gain)
+    if result.params.fast is None and judgement.tone != "good" and not request.goal:
+        judgement = with_two_speeds(judgement, fit_two_speeds(z, np.empty(0) if dt is None else dt, result.params))
     return Answer(recording, (channel,), unit, request, result, allowed, judgement)
 
 
@@ -317,6 +321,8 @@ def option_for(action: actions.Action | None, answer: Answer) -> str:
             words = without
         case actions.SetGate(sigma):
             words = ["--gate off" if sigma is None else f"--gate {sigma * sigma:.4g}"]
+        case actions.AddTwoSpeeds():
+            words = ["--two-speeds", *without]
         case actions.UseStillStretch():
             words = ["--still auto"]
         case actions.Scale(q_factor, r_factor) if params is not None:
@@ -406,6 +412,8 @@ def _filter(answer: Answer) -> str:
         return f"{answer.name}: no q and r to recommend ({answer.verdict_words})"
     r = "" if answer.fuses else f", r = {trimmed(float(params.r), 4)}"
     momentum = f"momentum {lag_in_full(params.momentum, period)}" if params.momentum else "no momentum"
+    if params.fast is not None:
+        momentum = f"{trimmed(params.fast, 3)} × q while it moves, {percent(params.spikes)} spikes"
     gate = "no gate" if params.gate is None else f"gate {gate_text(params.gate)}"
     aside = 0 if fit is None or fit.outliers is None else int(fit.outliers.sum())
     spikes = f", {plural(aside, 'spike')} set aside" if aside else ""
@@ -413,13 +421,18 @@ def _filter(answer: Answer) -> str:
 
 
 def _effect(answer: Answer) -> Iterator[str]:
-    steady = answer.steady
+    steady, params = answer.steady, answer.result.params
     if steady is None:
         return
     lag = lag_in_full(steady.lag_samples, answer.sample_period).removesuffix(")")
     bracket = f"; {_allowed(answer)})" if "(" in lag else f" ({_allowed(answer)})"
     noise = f"{decibels(-steady.noise_reduction_db)}{' of their mean' if answer.fuses else ''}"
     overshoot = f"overshoot {percent(steady.overshoot)}" if steady.overshoot else "no overshoot"
+    if params is not None and params.fast is not None:
+        moving = steady_state(params.moving, answer.sample_period)
+        text = lag_text(moving.lag_samples, answer.sample_period)
+        yield f"at rest lag {lag}), noise {noise}; moving lag {text}, noise {decibels(-moving.noise_reduction_db)}"
+        return
     lost = f", movement lost {percent(answer.result.lost)}" if answer.result.costs else ""
     yield f"lag {lag}{bracket}, noise {noise}, {overshoot}{lost}"
 
@@ -613,7 +626,7 @@ def as_plain(answer: Answer) -> dict[str, Any]:
     spikes = fit.spikes if answer.fuses else None if fit.outliers is None else fit.outliers.nonzero()[0]
     tests = {name: getattr(judged, name) for name in ("residuals", "held_out")}
     tests = {name: one and without_residuals(one) for name, one in tests.items()}
-    names = "q r momentum gate offset gain shares" if answer.fuses else "q r ratio momentum gate"
+    names = "q r momentum gate offset gain shares" if answer.fuses else "q r ratio momentum gate fast spikes"
     advice = [
         {"text": one.text, "action": type(one.action).__name__, "option": option_for(one.action, answer)}
         for one in judged.findings

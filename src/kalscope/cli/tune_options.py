@@ -73,6 +73,9 @@ class TuneOptions:
         ),
     ] = None
     """In sample periods; NaN or None = it is estimated."""
+    two_speeds: Annotated[
+        bool, typer.Option("--two-speeds", help="Calm at rest, quick while it moves, where the record shows it.")
+    ] = False
     gate: Annotated[
         float | None,
         number_option('Outlier gate on v²/s, such as 16, or "off"; default: as estimated.', number_or("off")),
@@ -132,6 +135,7 @@ class TuneOptions:
             momentum="auto" if self.momentum is None or math.isnan(self.momentum) else self.momentum,
             overshoot=self.overshoot,
             robust="auto" if self.robust is None else self.robust,
+            two_speeds=self.two_speeds,
         )
 
 

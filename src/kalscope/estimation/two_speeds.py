@@ -53,6 +53,9 @@ class TwoSpeeds:
     """Mean by which the prediction errors of two speeds are smaller, in its standard errors: where the noise level
     changes, the likelihood rises, but no prediction becomes better."""
 
+    gain: float
+    """Share by which the mean size of the prediction errors is smaller."""
+
     def is_clear(self, loglik: float = -math.inf) -> bool:
         """Whether two speeds are likelier than one, and than a filter of this `loglik`, by enough.
 
@@ -76,7 +79,7 @@ def fit_two_speeds(z: Array, steps: Array, one: FilterParams) -> TwoSpeeds:
         return FilterParams(ratio * r, r, fast=max(moving[0] / ratio, 1.0) if moving else 1.0, spikes=spikes)
 
     def search(begin: Any, evaluations: int) -> tuple[float, list[float]]:
-        options = {"maxfev": evaluations, "xatol": 0.02, "fatol": 0.02}
+        options: Any = {"maxfev": evaluations, "xatol": 0.02, "fatol": 0.02}
         end = minimize(
             lambda at: -float(_run(part, periods, params_at(at)).loglik),
             begin,
@@ -96,15 +99,16 @@ def fit_two_speeds(z: Array, steps: Array, one: FilterParams) -> TwoSpeeds:
     best = search(min(search(begin, 60) for begin in begins)[1], 200)
     alone = search(min(*alone, search(best[1][:3], 60))[1], 120)
     two, single = (_run(rows, steps, params_at(np.array(end[1]))) for end in (best, alone))
-    better = np.abs(single.innovation) - np.abs(two.innovation)
-    better = better[np.isfinite(better)]
+    before, after = (np.abs(run.innovation[np.isfinite(run.innovation)]) for run in (single, two))
+    better, size = before - after, float(before.mean()) if len(before) else 0.0
     spread = float(better.std()) / math.sqrt(max(len(better), 1))
     return TwoSpeeds(
         params_at(np.array(best[1])),
-        two.loglik,
-        single.loglik,
+        float(two.loglik),
+        float(single.loglik),
         int(two.m),
         float(better.mean()) / spread if spread else 0.0,
+        float(better.mean()) / size if size else 0.0,
     )
 
 

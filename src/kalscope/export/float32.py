@@ -19,6 +19,7 @@ from kalscope.filtering.classic import Median, RunningStage, RunningStages
 from kalscope.filtering.kernels import GATE_LIMIT
 from kalscope.filtering.params import FilterParams, require_params
 from kalscope.filtering.steady import step_constants
+from kalscope.filtering.two_speeds import LASTING, NEVER, SHARE, SPIKE
 from kalscope.tuning.tuning import ChannelTuning
 
 MIN_NORMAL = float(np.finfo(np.float32).tiny)
@@ -63,6 +64,10 @@ class Float32Params:
     """Estimate before the first predict, unit; NaN = the first sample."""
     gate: np.float32 = _NOTHING
     """Outlier gate on v²/s; 0 = off."""
+    fast: np.float32 | None = None
+    """Two speeds: how much larger q is while the signal moves; None = one speed."""
+    spikes: np.float32 = _NOTHING
+    """With two speeds, the probability of a spike."""
     momentum: Float32Momentum | None = None
     """The second state; None = the five lines."""
     median: int = 1
@@ -92,12 +97,14 @@ def float32_params(params: FilterParams, median: int = 1) -> Float32Params:
         p0=_INFINITE if params.p0 is None else to_float32("p0", params.p0),
         x0=_UNKNOWN if params.x0 is None else to_float32("x0", params.x0),
         gate=_NOTHING if params.gate is None else to_float32("gate", params.gate),
+        fast=None if params.fast is None else to_float32("fast", params.fast),
+        spikes=to_float32("spikes", params.spikes),
         momentum=_momentum(params.q, params.momentum),
         median=median,
         offset=None if alone else _each("offset", params.offset),
         gain=None if alone else _each("gain", params.gain),
     )
-    largest = params.q + float(params.scaled_r.max()) + (params.p0 or 0.0)
+    largest = params.moving.q + float(params.scaled_r.max()) + (params.p0 or 0.0)
     if largest > float(np.finfo(np.float32).max):
         raise BadSetting(f"q + {noise} + p0 must fit float32, up to 3.4e38 (got {largest:.6g})")
     return held
@@ -147,6 +154,9 @@ def filter_float32(z: ArrayLike, params: FilterParams | Float32Params | ChannelT
         samples = np.where(np.isnan(samples), samples, middle)
     if held.offset is not None and held.gain is not None:
         samples = (samples - held.offset) / held.gain  # as the board does, a rounding each
+    if held.fast is not None:
+        start = held.x0, np.float32(SHARE), held.p0
+        return _filter_two_speeds(samples, held.q, held.fast, np.float32(held.r), held.spikes, start)
     m, out = held.momentum or without_momentum(held.q), np.empty(len(samples), np.float32)
     over = m.e, m.f, m.q11, m.q12, m.q22
     rows = samples.reshape(len(samples), -1)
@@ -222,6 +232,62 @@ def _filter(
                 x, v = x + k * innovation, v + ell * innovation
             rejected[j] = 0
         out[i] = x
+
+
+@compiled()
+def _filter_two_speeds(
+    z: Floats,
+    q: np.float32,
+    fast: np.float32,
+    r: np.float32,
+    spikes: np.float32,
+    state: tuple[np.float32, np.float32, np.float32],
+) -> Floats:
+    """`two_speeds.step_two_speeds` in float32."""
+    one, half, zero = np.float32(1.0), np.float32(0.5), np.float32(0.0)
+    share, lasting, never = np.float32(SHARE), np.float32(LASTING), np.float32(NEVER)
+    tenth, odd_part, spike = np.float32(0.1), np.float32(1.0 / 120.0), np.float32(SPIKE)
+    x, moving, p = state
+    grown_fast, out = fast * q, np.empty(len(z), np.float32)
+    for i in range(len(z)):
+        moving = share + lasting * (moving - share)
+        before, ahead = p, p + q + moving * (grown_fast - q)
+        s = ahead + r * (one + spikes * (spike - one))
+        p = ahead
+        if not math.isnan(z[i]) and math.isinf(before):
+            x, p = z[i], r
+        elif not math.isnan(z[i]) and math.isnan(x):
+            x, p = z[i], ahead / s * r
+        elif not math.isnan(z[i]):
+            v = z[i] - x
+            square = half * v * v
+            least = square / (before + grown_fast + (spike * r if spikes > zero else r))
+            total = mean = squares = left = faster = zero
+            for is_spike in range(2 if spikes > zero else 1):
+                noise, chance = (spike * r, spikes) if is_spike else (r, one - spikes)
+                for is_fast in range(2):
+                    predicted = before + (grown_fast if is_fast else q)
+                    certain = one / (predicted + noise)
+                    k = predicted * certain
+                    weight = chance * (moving if is_fast else one - moving) * np.sqrt(certain)
+                    u = square * certain - least
+                    power = zero
+                    if u < never:
+                        y = u / never
+                        even, odd = one + y * y * tenth, y * (half + y * y * odd_part)
+                        power = (even - odd) / (even + odd)
+                        for _ in range(5):
+                            power = power * power
+                    weight = weight * power
+                    total, mean = total + weight, mean + weight * k
+                    squares, left = squares + weight * k * k, left + weight * k * noise
+                    if is_fast:
+                        faster = faster + weight
+            k = mean / total
+            spread = max(squares / total - k * k, zero)
+            x, moving, p = x + k * v, faster / total, left / total + spread * v * v
+        out[i] = x
+    return out
 
 
 # A channel as a small board filters it, in float32: by Kalman or a classic filter, or either after a median.

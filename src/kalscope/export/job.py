@@ -78,8 +78,18 @@ class ExportJob:
 
     @property
     def has_chain(self) -> bool:
-        """Whether any filter is a chain: each channel then says which filter it has."""
+        """Whether any filter is a chain."""
         return any(channel.chain is not None for channel in self.channels)
+
+    @property
+    def has_two_speeds(self) -> bool:
+        """Whether any filter has two speeds."""
+        return any(channel.fast is not None for channel in self.channels)
+
+    @property
+    def has_kinds(self) -> bool:
+        """Whether each channel says which filter it has: one may be another than the Kalman filter alone."""
+        return self.has_chain or self.has_two_speeds
 
     @property
     def has_median(self) -> bool:
@@ -97,7 +107,8 @@ class ExportJob:
         has = {
             "momentum": self.has_momentum,
             "plain": self.has_kalman and not self.has_momentum,
-            "chain": self.has_chain,
+            "chain": self.has_kinds,
+            "two_speeds": self.has_two_speeds,
             "median": self.has_median,
             "kalman": self.has_kalman,
             "classic": not self.has_kalman,
@@ -122,8 +133,12 @@ def step_of(channel: ChannelTuning) -> dict[str, float]:
 
 
 def start_of(one: ChannelTuning) -> dict[str, float | None]:
-    """q, r of one sensor, and how the filter starts; None = automatic, or a gate that is off."""
+    """q, r of one sensor, and how the filter starts; None = automatic, or a gate that is off.
+
+    Of two speeds also the factor of q and the probability of a spike, in place of the gate.
+    """
     names = ("q", "p0", "x0", "gate") if one.sensors else ("q", "r", "p0", "x0", "gate")
+    names = names if one.fast is None else ("q", "r", "p0", "x0", "fast", "spikes")
     return {name: getattr(one, name) for name in names}
 
 
@@ -165,14 +180,14 @@ def about(job: ExportJob) -> tuple[str, ...]:
     Not for the first two lines of a Python file: a name may read "coding: utf-7".
     """
     title = "Kalman filter of several sensors" if job.fuses else "Scalar Kalman noise filter"
-    lines = [f"{'Noise filters' if job.has_chain else title}, tuned and exported by Kalscope."]
+    lines = [f"{'Noise filters' if job.has_kinds else title}, tuned and exported by Kalscope."]
     sha256 = f"SHA-256 {comment_text(job.sha256, 64)[:16]}" if job.sha256 else ""
     origin = [f"recording {comment_text(job.source_name)}" if job.source_name else "", sha256]
     if any(origin):
         lines.append(f"Tuned on {', '.join(filter(None, origin))}.")
     if job.tool or job.date:
         lines.append(f"Made by {comment_text(f'{job.tool} {job.date}', 80)}.")
-    one_period = job.has_momentum or job.has_chain  # no user can convert these
+    one_period = job.has_momentum or job.has_kinds  # no user can convert these
     if job.sample_period is None:
         lines.append("The sample period was not known; q holds for the sample rate of the recording only.")
     else:
@@ -211,6 +226,7 @@ def about_channel(job: ExportJob, channel: ChannelTuning) -> tuple[str, ...]:
         f"  process noise q = {number_text(channel.q)} per sample",
         "" if sensors else f"  measurement noise r = {number_text(channel.r)}",
         tau if channel.momentum > 0.0 else "",
+        "" if channel.fast is None else f"  two speeds: q grows {channel.fast:.6g} x while the signal moves",
         f"  start variance p0 = {number_text(channel.p0, 'unknown (diffuse)')}",
         f"  start: {_start_words(channel)}",
         f"  outlier gate: {gate}",

@@ -81,7 +81,7 @@ class Target:
     """Its name on screen, a few words."""
     what: str
     """What it is, one sentence."""
-    lacks: tuple[Literal["momentum", "chain"], ...] = ()
+    lacks: tuple[Literal["momentum", "chain", "two_speeds"], ...] = ()
     """What its filters cannot have."""
     is_float32: bool = False
     """Whether it computes in float32, at least on an AVR board."""
@@ -121,7 +121,7 @@ TARGETS = MappingProxyType(
             esphome.files,
             "ESPHome sensor",
             "A Kalman combination sensor of ESPHome, in standard deviations per second.",
-            ("momentum", "chain"),
+            ("momentum", "chain", "two_speeds"),
             is_float32=True,
         ),
     }
@@ -131,6 +131,7 @@ TARGETS = MappingProxyType(
 _NEEDS = (
     ("chain", "a median and classic filters", "use the Kalman filter alone in every channel"),
     ("momentum", "momentum", "set the momentum to 0"),
+    ("two_speeds", "two speeds", "fit one speed"),
 )
 """What some targets lack, in words, and what to do without it."""
 
@@ -168,7 +169,7 @@ def export_tuning(
     chosen = tuning.only(channel)
     job = job_of(chosen if sample_period is None else rescaled_to_period(chosen, sample_period))
     for need, words, instead in _NEEDS:
-        if need in job.marks and need in TARGETS[target].lacks:
+        if getattr(job, f"has_{need}") and need in TARGETS[target].lacks:
             able = ", ".join(name for name, each in TARGETS.items() if need not in each.lacks)
             raise BadSetting(f"target must support {words} (got {target}): choose {able}, or {instead}")
     if calibration and (job.fuses or not TARGETS[target].can_calibrate):

@@ -119,10 +119,6 @@ class ChannelTuning:
     """Outlier gate on v²/s of each reading, > 0; None = off."""
     momentum: float = 0.0
     """Momentum τ: how long the signal keeps its direction, in nominal sample periods, 0 … 1e5; 0 = it does not."""
-    fast: float | None = None
-    """Two speeds: q grows to fast q while the signal moves, 1 … 1e12; None = one speed."""
-    spikes: float = 0.0
-    """With two speeds, the probability that a reading is a spike, 0 … 0.5."""
     chain: Chain | None = None
     """What filters in place of the Kalman filter, or before it; None = the Kalman filter alone."""
     sensors: tuple[str, ...] = ()
@@ -133,6 +129,10 @@ class ChannelTuning:
     """By how much each sensor's reading grows with the fused value, not 0; () = 1 for all."""
     paper: GeneralizedParams | None = None
     """The filter of Khan et al. that runs in place of the Kalman one: shown, and in no tuning file."""
+    fast: float | None = None
+    """Two speeds: q grows to fast q while the signal moves, 1 … 1e12; None = one speed."""
+    spikes: float = 0.0
+    """With two speeds, the probability that a reading is a spike, 0 … 0.5."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "sensors", tuple(self.sensors))

@@ -26,6 +26,7 @@ from kalscope.export.names import number_text
 from kalscope.filtering.classic import Butterworth, Exponential, Median, MovingAverage, OneEuro, Stage
 from kalscope.filtering.kernels import GATE_LIMIT
 from kalscope.filtering.steady import step_constants
+from kalscope.filtering.two_speeds import LASTING, NEVER, SHARE, SPIKE
 from kalscope.tuning.tuning import ChannelTuning
 
 MAX_SENSORS = 32
@@ -99,6 +100,8 @@ _PIECES: dict[type[Stage], tuple[str, tuple[str, ...]]] = {
 def piece_of(channel: ChannelTuning) -> str:
     """The piece of code that is the last filter of a channel."""
     stage = None if channel.chain is None else channel.chain.then
+    if channel.fast is not None:
+        return "two_speeds"
     return "kalman" if stage is None else _PIECES[type(stage)][0]
 
 
@@ -112,7 +115,7 @@ def numbers_of(stage: Stage) -> dict[str, int | float]:
 def used_pieces(job: ExportJob) -> tuple[str, ...]:
     """The pieces of code that an export needs for its last filters, in a fixed order."""
     used = set(map(piece_of, job.channels))
-    order = ("kalman", *dict.fromkeys(name for name, _ in _PIECES.values()))
+    order = ("kalman", "two_speeds", *dict.fromkeys(name for name, _ in _PIECES.values()))
     return tuple(name for name in order if name in used)
 
 
@@ -128,11 +131,11 @@ def code_in_c(job: ExportJob, linkage: str = "") -> dict[str, str]:
         reading = f"({offset}) / tuning->gain[i]" if job.fusion.has_gains else offset
         return fill_sections("c/stages/fusion.c", job.marks, linkage=linkage, reading=reading)
     used, prefix, update = used_pieces(job), "kalscope_", "static kalscope_real kalscope_kalman"
-    if not job.has_chain:
+    if not job.has_kinds:
         prefix, update = "", f"{linkage}kalscope_real kalscope_update"
     first = ("first_median",) if job.has_median else ()
     middle = ("middle",) if job.has_median or "median" in used else ()
-    windows = {name: str(n) for name, n in windows_of(job).items()}
+    windows = {name: str(n) for name, n in windows_of(job).items()} | two_speeds_of(repr)
     parts = [
         fill_sections(f"c/stages/{name}.c", job.marks, prefix=prefix, update=update, **windows)
         for name in (*first, *middle, *used)
@@ -154,6 +157,12 @@ def code_in_c(job: ExportJob, linkage: str = "") -> dict[str, str]:
         cases="".join(f"    case KALSCOPE_{name.upper()}: return kalscope_{name}(filter, z);\n" for name in used),
     )
     return {"types": types, "functions": functions}
+
+
+def two_speeds_of(number: Callable[[float], str]) -> dict[str, str]:
+    """The constants of every filter with two speeds, as texts."""
+    constants = {"share": SHARE, "lasting": LASTING, "spike": SPIKE, "never": NEVER, "odd": 1.0 / 120.0}
+    return {name: number(value) for name, value in constants.items()}
 
 
 def windows_of(job: ExportJob) -> dict[str, int]:
@@ -181,7 +190,7 @@ def tuning_values(job: ExportJob, one: ChannelTuning, number: Callable[[float], 
         number: how the language writes a number that is not whole.
     """
     values = _kalman_values(job, one, number) if runs_kalman(one) else {"x0": number(math.nan)}
-    if not job.has_chain:
+    if not job.has_kinds:
         return values
     median, last = (1, None) if one.chain is None else (one.chain.median, one.chain.then)
     values |= {"filter": f"KALSCOPE_{piece_of(one).upper()}", "median": str(median)}

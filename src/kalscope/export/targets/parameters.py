@@ -10,14 +10,18 @@ from kalscope.export.job import ExportJob, about, about_channel, ascii_squared, 
 from kalscope.export.targets.c import numbers_of
 from kalscope.filtering.classic import Chain
 from kalscope.filtering.steady import SteadyState
+from kalscope.filtering.two_speeds import SPIKE, START_MOVING, STOP_MOVING
 from kalscope.tuning.toml_text import plain_chain
 from kalscope.tuning.tuning import ChannelTuning
+
+TWO_SPEEDS = {"start_moving": START_MOVING, "stop_moving": STOP_MOVING, "spike": SPIKE}
+"""What a filter with two speeds needs besides its parameters."""
 
 
 def json_files(job: ExportJob) -> dict[str, str]:
     """`kalscope_parameters.json`; names are whole, in escapes."""
     document = {
-        "format": f"kalscope-parameters-{2 if job.has_chain or job.fuses else 1}",
+        "format": f"kalscope-parameters-{2 if job.has_kinds or job.fuses else 1}",
         "about": list(about(job)),
         "sample_period_s": job.sample_period,
         "recording": {"name": _clean(job.source_name), "sha256": _clean(job.sha256)},
@@ -59,6 +63,7 @@ def _kalman(job: ExportJob, one: ChannelTuning) -> dict[str, Any]:
         "start_variance_p0": one.p0,
         "start_value_x0": one.x0,
         "outlier_gate": one.gate,
+        **({} if one.fast is None else {"fast": one.fast, "spikes": one.spikes, **TWO_SPEEDS}),
         **({"momentum": _momentum(steady, one)} if one.momentum > 0.0 else {}),
         "found": _clean(one.how),
         "steady_gain": steady.gain,

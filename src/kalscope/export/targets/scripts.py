@@ -16,7 +16,7 @@ from kalscope.export.job import (
     step_of,
 )
 from kalscope.export.names import number_text
-from kalscope.export.targets.c import numbers_of, piece_of, used_pieces
+from kalscope.export.targets.c import numbers_of, piece_of, two_speeds_of, used_pieces
 from kalscope.tuning.tuning import ChannelTuning
 
 Values = Mapping[str, float | tuple[float, ...] | None]
@@ -83,7 +83,7 @@ def python_files(job: ExportJob) -> dict[str, str]:
 
     A hostile name could form an encoding line: the first two lines, where Python looks for one, are constant.
     """
-    sections, used = fill_sections("stages.py.txt", job.marks), used_pieces(job)
+    sections, used = fill_sections("stages.py.txt", job.marks, **two_speeds_of(repr)), used_pieces(job)
     if job.has_median:
         used = (*dict.fromkeys((*used, "median")), "chain")
     return _script(
@@ -93,7 +93,7 @@ def python_files(job: ExportJob) -> dict[str, str]:
         "=",
         '    "{word}": {made},\n',
         _in_python,
-        heading="noise filters as they were" if job.has_chain else "scalar Kalman noise filter as it was",
+        heading="noise filters as they were" if job.has_kinds else "scalar Kalman noise filter as it was",
         classes="".join(sections[name] for name in used).lstrip("\n"),
     )
 
@@ -101,7 +101,8 @@ def python_files(job: ExportJob) -> dict[str, str]:
 def _in_python(channel: ChannelTuning) -> str:
     chain = channel.chain
     if chain is None or chain.then is None:
-        last = f"KalmanFilter({', '.join(_given(start_of(channel) | step_of(channel), '='))})"
+        kind = "KalmanFilter" if channel.fast is None else "TwoSpeeds"
+        last = f"{kind}({', '.join(_given(start_of(channel) | step_of(channel), '='))})"
     else:
         numbers = ", ".join(f"{name}={value!r}" for name, value in numbers_of(chain.then).items())
         last = f"{piece_of(channel).title().replace('_', '')}({numbers})"
@@ -112,9 +113,10 @@ def javascript_files(job: ExportJob) -> dict[str, str]:
     """`kalscope_filter.mjs`, or `kalscope_fusion.mjs`: an ES module with a small class."""
 
     def made(channel: ChannelTuning) -> str:
-        return ", ".join(_given(start_of(channel) | step_of(channel), ": "))
+        kind = "KalmanFilter" if channel.fast is None else "TwoSpeeds"
+        return f"new {kind}({{ {', '.join(_given(start_of(channel) | step_of(channel), ': '))} }})"
 
-    return _script(job, "mjs", "//", ": ", "  {word}: new KalmanFilter({{ {made} }}),\n", made)
+    return _script(job, "mjs", "//", ": ", "  {word}: {made},\n", made, **two_speeds_of(repr))
 
 
 def matlab_files(job: ExportJob) -> dict[str, str]:
@@ -129,6 +131,8 @@ def matlab_files(job: ExportJob) -> dict[str, str]:
         texts = {name: number_text(value, unset.get(name, "")) for name, value in values}
         if job.fuses:
             texts |= {name: ", ".join(map(number_text, each)) for name, each in job.sensor_values.items()}
+        texts |= two_speeds_of(repr)
         template = "kalman_fusion.m" if job.fuses else "kalman_channel.m"
+        template = template if one.fast is None else "two_speeds.m"
         files[f"{prefix}_{word}.m"] = fill_template(template, alone.marks, about=_about_one(alone, "%"), **texts)
     return files
