@@ -21,6 +21,7 @@ CHANNELS = (
     ChannelTuning("tilt", "", 1.0, 1.0, chain=Chain(3, OneEuro(0.004, 2e-4, 0.05))),
     ChannelTuning("hum", "", 1.0, 1.0, chain=Chain(then=Butterworth(0.02))),
     ChannelTuning("light", "", 0.01, 40.0, 1000.0),
+    ChannelTuning("rest", "", 0.01, 40.0, fast=1e5, spikes=0.01),
 )
 
 
@@ -55,7 +56,7 @@ class Heard:
         return self.follow(answers=len(CHANNELS))
 
 
-def test_four_channels_with_different_filters_print_the_bits_of_the_host_and_say_what_obeys(start_board, workshop):
+def test_five_channels_with_different_filters_print_the_bits_of_the_host_and_say_what_obeys(start_board, workshop):
     z = counts(1200, len(CHANNELS))
     firmware = exported(workshop, *CHANNELS, edits=(*FAST, MISSING))
     board = start_board(firmware, z, *FLAT_OUT)
@@ -69,7 +70,7 @@ def test_four_channels_with_different_filters_print_the_bits_of_the_host_and_say
         last = heard.ask("p inf")
         heard.follow(rows=120)
     assert [one.name for one in first] == [channel.name for channel in CHANNELS]
-    assert [type(one) is FixedFilter for one in first] == [False, True, True, False]
+    assert [type(one) is FixedFilter for one in first] == [False, True, True, False, True]
     assert [one.median for one in (first[0], first[3])] == [5, 1]
     printed = np.array(heard.rows, dtype=np.float32)
     samples = np.where(z == 0, np.nan, z)[: len(printed)].astype(np.float32)
@@ -135,12 +136,13 @@ void loop() {}
 
 
 def test_the_time_of_each_filter_is_about_what_we_say(start_board, workshop, tmp_path, monkeypatch):
-    monkeypatch.setattr("kalscope.export.targets.arduino.ANALOGUE_PINS", len(TIMED))
+    monkeypatch.setattr("kalscope.export.targets.arduino.ANALOGUE_PINS", len(TIMED) + 2)
     channels = tuple(ChannelTuning(name, "", 0.01, 4.0, chain=chain) for name, chain in TIMED.items())
+    channels += tuple(ChannelTuning(f"rest{i}", "", 0.01, 4.0, fast=1e4, spikes=i / 100) for i in (0, 1))
     saved(tmp_path, *channels)
     names = ", ".join(f"KALSCOPE_TUNING_{channel.name.upper()}" for channel in channels)
     (tmp_path / "timing.ino").write_text(TIMING.replace("TUNINGS", names))
     board = start_board(workshop.sketch(tmp_path / "timing.ino"), 0, *FLAT_OUT)
     found = [int(line) / 256 for line in read_lines(board.port, len(channels))]
-    said = [109, 163, 88, 80, 80 + 42, 116, 163, 240]  # µs, those of docs/boards/devices.md
-    np.testing.assert_allclose(found, said, rtol=0.1, err_msg=str(dict(zip(TIMED, found, strict=True))))
+    said = [109, 163, 88, 80, 80 + 42, 116, 163, 240, 742, 1590]  # µs, those of docs/boards/devices.md
+    np.testing.assert_allclose(found, said, rtol=0.1, err_msg=str(found))

@@ -33,6 +33,7 @@ CHAINS = (
     ChannelTuning("mean", "V", 1.0, 1.0, chain=Chain(then=MovingAverage(25))),
     ChannelTuning("middle", "V", 1.0, 1.0, chain=Chain(3, Median(9))),
     ChannelTuning("smooth", "V", 1.0, 1.0, chain=Chain(5, Exponential(0.1))),
+    ChannelTuning("rest", "V", 0.01, 20.0, fast=1e4, spikes=0.01),
     CHANNELS[1],
 )
 FUSION = ChannelTuning(
@@ -83,7 +84,7 @@ def test_c_and_cpp_compile_without_a_warning_and_c_answers_the_same_bits(process
             np.testing.assert_array_equal(answer, filter_float32(z, channel.params), err_msg=channel.name)
 
 
-def test_chains_and_a_fusion_compile_without_a_warning_and_answer_the_same_bits(processor, tmp_path):
+def test_chains_two_speeds_and_a_fusion_compile_without_a_warning_and_answer_the_same_bits(processor, tmp_path):
     job, z = ExportJob(CHAINS), spiky(3000, np.float32)[600:1200]
     made = compiled(processor, tmp_path, c.files(job))
     fusion = ExportJob((FUSION,))

@@ -58,7 +58,7 @@ def test_it_is_the_mixture_of_four_hypotheses(record):
     assert got.x == pytest.approx(x, rel=1e-6, abs=1e-6)
     assert got.p == pytest.approx(p, rel=1e-5)
     assert got.moving == pytest.approx(moving, abs=1e-6)
-    assert got.loglik == pytest.approx(loglik, rel=1e-8)
+    assert got.loglik == pytest.approx(loglik, rel=1e-5)
     assert got.m == np.isfinite(z).sum() - 1
 
 
@@ -66,8 +66,8 @@ def test_a_factor_of_1_is_one_speed(record):
     z, dt = record
     one, two = (kalman_filter(z, FilterParams(0.1, 1.0, fast=fast), dt) for fast in (None, 1.0))
     for name in ("x", "p", "k", "innovation", "s"):
-        assert getattr(two, name) == pytest.approx(getattr(one, name), rel=1e-9, abs=1e-9, nan_ok=True)
-    assert two.loglik == pytest.approx(one.loglik, rel=1e-12)
+        assert np.array_equal(getattr(two, name), getattr(one, name), equal_nan=True)
+    assert (two.loglik, two.moving) == (one.loglik, None)
 
 
 def test_stream_pieces_and_denoise_give_the_same_bits(record):

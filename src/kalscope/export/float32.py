@@ -252,40 +252,40 @@ def _filter_two_speeds(
     for i in range(len(z)):
         moving = share + lasting * (moving - share)
         before, ahead = p, p + q + moving * (grown_fast - q)
-        s = ahead + r * (one + spikes * (spike - one))
-        p = ahead
-        if not math.isnan(z[i]) and math.isinf(before):
+        if math.isnan(z[i]):
+            p = ahead
+        elif math.isinf(before):
             x, p = z[i], r
-        elif not math.isnan(z[i]) and math.isnan(x):
-            x, p = z[i], ahead / s * r
-        elif not math.isnan(z[i]):
+        elif math.isnan(x):
+            x, p = z[i], ahead / (ahead + r * (one + spikes * (spike - one))) * r
+        else:
             v = z[i] - x
-            square = half * v * v
-            least = square / (before + grown_fast + (spike * r if spikes > zero else r))
-            total = mean = squares = left = faster = zero
-            for is_spike in range(2 if spikes > zero else 1):
-                noise, chance = (spike * r, spikes) if is_spike else (r, one - spikes)
-                for is_fast in range(2):
-                    predicted = before + (grown_fast if is_fast else q)
-                    certain = one / (predicted + noise)
-                    k = predicted * certain
-                    weight = chance * (moving if is_fast else one - moving) * np.sqrt(certain)
-                    u = square * certain - least
-                    power = zero
-                    if u < never:
-                        y = u / never
-                        even, odd = one + y * y * tenth, y * (half + y * y * odd_part)
-                        power = (even - odd) / (even + odd)
-                        for _ in range(5):
-                            power = power * power
-                    weight = weight * power
-                    total, mean = total + weight, mean + weight * k
-                    squares, left = squares + weight * k * k, left + weight * k * noise
-                    if is_fast:
-                        faster = faster + weight
-            k = mean / total
-            spread = max(squares / total - k * k, zero)
-            x, moving, p = x + k * v, faster / total, left / total + spread * v * v
+            square, rest, good = half * v * v, one - moving, one - spikes
+            first = 0 if spikes > zero else 2
+            total = mean = squares = left = faster = least = zero
+            for j in range(first, 4):
+                noise, chance = (spike * r, spikes) if j < 2 else (r, good)
+                predicted, part = (before + grown_fast, moving) if j % 2 == 0 else (before + q, rest)
+                certain = one / (predicted + noise)
+                least = square * certain if j == first else least
+                u, k = square * certain - least, predicted * certain
+                weight, power = chance * part * np.sqrt(certain), zero
+                if u < never:
+                    y = u if u < one else u * np.float32(0.125)
+                    even, odd = one + y * y * tenth, y * (half + y * y * odd_part)
+                    power = (even - odd) / (even + odd)
+                    for _ in range(0 if u < one else 3):
+                        power = power * power
+                weight = weight * power
+                part = weight * k
+                total, mean = total + weight, mean + part
+                squares, left = squares + part * k, left + part * noise
+                if j % 2 == 0:
+                    faster = faster + weight
+            whole = one / total
+            k = mean * whole
+            spread = max(squares * whole - k * k, zero)
+            x, moving, p = x + k * v, faster * whole, left * whole + spread * v * v
         out[i] = x
     return out
 

@@ -78,7 +78,7 @@ class FilterParams:
     gain: Array = cast("Array", 1.0)  # noqa: RUF009
     """Rise of each reading when the quantity rises by 1, not 0, shape (sensors,), read-only."""
     fast: float | None = None
-    """Two speeds: q grows to fast q while the signal moves, 1 … 1e12; None = one speed. For one sensor that reads x
+    """Two speeds: q grows to fast q while the signal moves, 1 … 1e12; None or 1 = one speed. For one sensor that reads x
     itself, with r > 0, without momentum and gate."""
     spikes: float = 0.0
     """With two speeds, the probability that a reading is a spike, of ten times the noise, 0 … 0.5."""
@@ -94,6 +94,8 @@ class FilterParams:
             value = getattr(self, name)
             is_none = value is None and name not in ("q", "momentum", "spikes")
             checked[name] = None if is_none else _number(name, value)
+        if checked["fast"] == 1.0 and not checked["spikes"]:
+            checked["fast"] = None
         for name, value in checked.items():
             object.__setattr__(self, name, value)
         if self.x0 is not None and self.p0 is None:

@@ -34,17 +34,17 @@ NEVER = 32.0
 
 @compiled(plain=True, inner=True, inline="always")
 def exp_minus(u: float) -> float:
-    """Exp(-u) of u ≥ 0 by arithmetic alone, to 2e-8 where u ≤ 8: Padé's (3, 3) of u/32, five times squared."""
+    """Exp(-u) of u ≥ 0 by arithmetic alone, to 1e-4 where u ≤ 8: Padé's (3, 3) of u, from 1 on of u/8."""
     if u >= NEVER:
         return 0.0
-    y = u / NEVER
+    y = u if u < 1.0 else u * 0.125
     even, odd = 1.0 + y * y * 0.1, y * (0.5 + y * y * (1.0 / 120.0))
     power = (even - odd) / (even + odd)
-    power *= power
-    power *= power
-    power *= power
-    power *= power
-    return power * power
+    if u >= 1.0:
+        power *= power
+        power *= power
+        power *= power
+    return power
 
 
 @compiled(plain=True, forceinline=True)
@@ -68,27 +68,30 @@ def step_two_speeds(
     if math.isnan(x):  # p0 is given, x0 is this first reading
         return (y, moving, ahead / s * r, 0.0, 0.0), ahead / s, math.nan, s, 1.0, 0.0, START
     v = y - x
-    half = 0.5 * v * v
-    # the smallest exponent: that weight stays, however far the reading lies away
-    least = half / (p + grown_fast + (SPIKE * r if spikes > 0.0 else r))
-    total = mean = square = left = faster = 0.0
-    for is_spike in range(2 if spikes > 0.0 else 1):
-        noise, chance = (SPIKE * r, spikes) if is_spike else (r, 1.0 - spikes)
-        for is_fast in range(2):
-            before = p + (grown_fast if is_fast else grown)
-            certain = 1.0 / (before + noise)
-            k = before * certain
-            weight = chance * (moving if is_fast else 1.0 - moving) * math.sqrt(certain)
-            weight *= exp_minus(half * certain - least)
-            total += weight
-            mean += weight * k
-            square += weight * k * k
-            left += weight * k * noise
-            if is_fast:
-                faster += weight
-    k = mean / total
-    spread = max(square / total - k * k, 0.0)  # of the gains, and so of the hypotheses' x
-    state = (x + k * v, faster / total, left / total + spread * v * v, 0.0, 0.0)
+    half, rest, good = 0.5 * v * v, 1.0 - moving, 1.0 - spikes
+    slow, quick = p + grown, p + grown_fast
+    first = 0 if spikes > 0.0 else 2
+    total = mean = square = left = faster = least = 0.0
+    for i in range(first, 4):  # the widest first: its exponent is the smallest, and so one weight always stays
+        noise, chance = (SPIKE * r, spikes) if i < 2 else (r, good)
+        before, share = (quick, moving) if i % 2 == 0 else (slow, rest)
+        certain = 1.0 / (before + noise)
+        exponent = half * certain
+        if i == first:
+            least = exponent
+        k = before * certain
+        weight = chance * share * math.sqrt(certain) * exp_minus(exponent - least)
+        part = weight * k
+        total += weight
+        mean += part
+        square += part * k
+        left += part * noise
+        if i % 2 == 0:
+            faster += weight
+    whole = 1.0 / total
+    k = mean * whole
+    spread = max(square * whole - k * k, 0.0)  # of the gains, and so of the hypotheses' x
+    state = (x + k * v, faster * whole, left * whole + spread * v * v, 0.0, 0.0)
     return state, k, v, s, total, least, UPDATED
 
 

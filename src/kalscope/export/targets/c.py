@@ -135,7 +135,7 @@ def code_in_c(job: ExportJob, linkage: str = "") -> dict[str, str]:
         prefix, update = "", f"{linkage}kalscope_real kalscope_update"
     first = ("first_median",) if job.has_median else ()
     middle = ("middle",) if job.has_median or "median" in used else ()
-    windows = {name: str(n) for name, n in windows_of(job).items()} | two_speeds_of(repr)
+    windows = {name: str(n) for name, n in windows_of(job).items()} | two_speeds_of(lambda value: f"{value:.17g}")
     parts = [
         fill_sections(f"c/stages/{name}.c", job.marks, prefix=prefix, update=update, **windows)
         for name in (*first, *middle, *used)

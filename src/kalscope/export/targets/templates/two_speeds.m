@@ -31,33 +31,40 @@ for kk = 1:numel(z)
     else
         v = zk - xk;
         half = 0.5 * v * v;
-        noises = [R, R, $spike * R, $spike * R];
-        added = [Q, fast * Q, Q, fast * Q];
-        chances = [(1 - spikes) * (1 - moving), (1 - spikes) * moving, spikes * (1 - moving), spikes * moving];
-        hypotheses = 2 + 2 * (spikes > 0);  % at rest or moving, each with a good sample or a spike
-        least = half / (before + fast * Q + noises(hypotheses));
+        noises = [$spike * R, $spike * R, R, R];
+        added = [fast * Q, Q, fast * Q, Q];
+        chances = [spikes * moving, spikes * (1 - moving), (1 - spikes) * moving, (1 - spikes) * (1 - moving)];
+        first = 1 + 2 * (spikes == 0);  % moving or at rest, each with a spike or a good sample: the widest first
         total = 0; mean_K = 0; squares = 0; left = 0; faster = 0;
-        for i = 1:hypotheses
+        for i = first:4
             certain = 1 / (before + added(i) + noises(i));
             K = (before + added(i)) * certain;
+            if i == first
+                least = half * certain;
+            end
             u = half * certain - least;
-            y = u / $never;  % e^-u by arithmetic alone: the same digits in every language
+            y = u;  % e^-u by arithmetic alone: the same digits in every language
+            if u >= 1
+                y = u * 0.125;
+            end
             even = 1 + y * y * 0.1;
             odd = y * (0.5 + y * y * $odd);
             power = (even - odd) / (even + odd) * (u < $never);
-            for j = 1:5
+            for j = 1:3 * (u >= 1)
                 power = power * power;
             end
             weight = chances(i) * sqrt(certain) * power;
+            part = weight * K;
             total = total + weight;
-            mean_K = mean_K + weight * K;
-            squares = squares + weight * K * K;
-            left = left + weight * K * noises(i);
-            faster = faster + weight * mod(i + 1, 2);
+            mean_K = mean_K + part;
+            squares = squares + part * K;
+            left = left + part * noises(i);
+            faster = faster + weight * mod(i, 2);
         end
-        Kk = mean_K / total;
-        moving = faster / total;
-        Pk = left / total + max(squares / total - Kk * Kk, 0) * v * v;
+        whole = 1 / total;
+        Kk = mean_K * whole;
+        moving = faster * whole;
+        Pk = left * whole + max(squares * whole - Kk * Kk, 0) * v * v;
         xk = xk + Kk * v;
     end
     buff_xk(kk) = xk;

@@ -19,14 +19,21 @@
 /* e^-u by arithmetic alone: the same digits on every processor. */
 static kalscope_real kalscope_exp_minus(kalscope_real u)
 {
-    const kalscope_real y = u / $never;
+    const kalscope_real y = u < 1 ? u : u * (kalscope_real)0.125;
     const kalscope_real even = 1 + y * y * (kalscope_real)0.1;
     const kalscope_real odd = y * ((kalscope_real)0.5 + y * y * (kalscope_real)$odd);
-    kalscope_real power = (even - odd) / (even + odd);
-    int i;
+    kalscope_real power;
     if (!(u < $never)) return 0;
-    for (i = 0; i < 5; i++) power = power * power;
-    return power;
+    power = (even - odd) / (even + odd);
+    if (u < 1) return power;
+    power = power * power;
+    power = power * power;
+    return power * power;
+}
+
+static kalscope_real kalscope_root(kalscope_real x)
+{
+    return sizeof x == sizeof(float) ? (kalscope_real)sqrtf((float)x) : (kalscope_real)sqrt((double)x);
 }
 
 /* Two speeds: at rest or moving, each with a good sample or a spike; x and p are the mean of the four. */
@@ -37,51 +44,49 @@ static kalscope_real kalscope_two_speeds(kalscope_filter *filter, kalscope_real 
     const kalscope_real q = tuning->q, r = tuning->r, spikes = tuning->spikes, before = filter->p;
     const kalscope_real grown = tuning->fast * q;
     const kalscope_real moving = share + lasting * (filter->moving - share);
-    const kalscope_real ahead = before + q + moving * (grown - q);
-    const kalscope_real s = ahead + r * (1 + spikes * ($spike - 1));
-    kalscope_real v, half, least, k, spread, total = 0, mean = 0, squares = 0, left = 0, faster = 0;
+    const int first = spikes > 0 ? 0 : 2;
+    kalscope_real v, half, k, whole, spread, least = 0, total = 0, mean = 0, squares = 0, left = 0, faster = 0;
     int i;
 
     filter->moving = moving;
-    filter->p = ahead;
     filter->k = 0;
-    if (isnan(z)) return filter->x;
-    if (isinf(before)) { /* nothing was known: accept the first sample */
-        filter->k = 1;
-        filter->p = r;
-        filter->x = z;
-        return z;
-    }
-    if (isnan(filter->x)) { /* p0 is known, the first sample is the start */
-        filter->k = ahead / s;
-        filter->p = ahead / s * r;
+    if (isnan(z) || isinf(before) || isnan(filter->x)) {
+        const kalscope_real ahead = before + q + moving * (grown - q);
+        filter->p = ahead;
+        if (isnan(z)) return filter->x;
+        /* The first sample: p continues from p0, or is r where nothing was known. */
+        filter->k = isinf(before) ? 1 : ahead / (ahead + r * (1 + spikes * ($spike - 1)));
+        filter->p = filter->k * r;
         filter->x = z;
         return z;
     }
     v = z - filter->x;
     half = (kalscope_real)0.5 * v * v;
-    least = half / (before + grown + (spikes > 0 ? $spike * r : r));
-    for (i = 0; i < (spikes > 0 ? 4 : 2); i++) {
-        const int is_fast = i & 1, is_spike = i >> 1;
-        const kalscope_real noise = is_spike ? $spike * r : r;
-        const kalscope_real predicted = before + (is_fast ? grown : q);
+    for (i = first; i < 4; i++) { /* the widest first: its exponent is the smallest */
+        const kalscope_real noise = i < 2 ? $spike * r : r;
+        const kalscope_real predicted = before + (i & 1 ? q : grown);
         const kalscope_real certain = 1 / (predicted + noise);
+        const kalscope_real exponent = half * certain;
         const kalscope_real gain = predicted * certain;
-        kalscope_real weight = (is_spike ? spikes : 1 - spikes) * (is_fast ? moving : 1 - moving);
-        weight = weight * (kalscope_real)sqrt(certain);
-        weight = weight * kalscope_exp_minus(half * certain - least);
+        kalscope_real weight = (i < 2 ? spikes : 1 - spikes) * (i & 1 ? 1 - moving : moving);
+        kalscope_real part;
+        if (i == first) least = exponent;
+        weight = weight * kalscope_root(certain);
+        weight = weight * kalscope_exp_minus(exponent - least);
+        part = weight * gain;
         total = total + weight;
-        mean = mean + weight * gain;
-        squares = squares + weight * gain * gain;
-        left = left + weight * gain * noise;
-        if (is_fast) faster = faster + weight;
+        mean = mean + part;
+        squares = squares + part * gain;
+        left = left + part * noise;
+        if (!(i & 1)) faster = faster + weight;
     }
-    k = mean / total;
-    spread = squares / total - k * k;
+    whole = 1 / total;
+    k = mean * whole;
+    spread = squares * whole - k * k;
     if (!(spread > 0)) spread = 0;
     filter->k = k;
-    filter->moving = faster / total;
-    filter->p = left / total + spread * v * v;
+    filter->moving = faster * whole;
+    filter->p = left * whole + spread * v * v;
     filter->x = filter->x + k * v;
     return filter->x;
 }
