@@ -25,7 +25,14 @@ from kalscope_app.session.changes import as_it_was_left
 from kalscope_app.session.opening import later_answers, with_firsts
 from kalscope_app.session.session import Session
 from kalscope_app.session.state import State
-from kalscope_app.studies.checks import compute_allan, compute_checks, compute_spectra, judge_sensors, still_stretch
+from kalscope_app.studies.checks import (
+    compute_allan,
+    compute_checks,
+    compute_spectra,
+    judge_sensors,
+    still_stretch,
+    two_speeds_in,
+)
 from kalscope_app.studies.comparisons import compute_alternatives, compute_overview, compute_variants
 from kalscope_app.studies.tuning_map import compute_map
 from kalscope_app.views.board import BoardView, compared
@@ -83,6 +90,7 @@ class Dashboard:
         self._phones = PhonePictures()
         self._build(folder)
         judge, still = partial(judge_sensors, kept=Cache()), partial(still_stretch, kept=Cache())
+        speeds = partial(two_speeds_in, kept=Cache())
         make_map = partial(compute_map, kept=Cache())
         rounds = [
             self._study(partial(compute_variants, kept=Cache()), self._variants.show_table),
@@ -93,7 +101,7 @@ class Dashboard:
             ),
             self._study(compared, self._board.show_check),
             self._study(
-                lambda state: judge(state) or compute_checks(state, still),
+                lambda state: judge(state) or compute_checks(state, still, speeds),
                 *(self._verdict.show_checks, self._checks.show, self._fusion.show_judged),
             ),
             self._study(lambda state: device_notes(state, self._code.choice), self._code.show_notes),

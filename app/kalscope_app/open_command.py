@@ -69,6 +69,8 @@ def open_dashboard(
     x0: Annotated[str | None, typer.Option(help="Its initial estimate x₀, or first; goes with --p0.")] = None,
     gate: Annotated[str | None, typer.Option(help="Its outlier gate on v²/s, such as 9, or off.")] = None,
     momentum: Annotated[str | None, typer.Option(help="Its momentum τ in samples, or off.")] = None,
+    fast: Annotated[str | None, typer.Option(help="Two speeds: q times this while it moves, or off.")] = None,
+    spikes: Annotated[str | None, typer.Option(help="With --fast: the probability of a spike.")] = None,
     chain: Annotated[str | None, typer.Option(help='Its filters, such as "median 5, kalman", or kalman.')] = None,
 ) -> None:
     """Open the dashboard in a browser."""
@@ -90,7 +92,17 @@ def open_dashboard(
         replaced(tempfile, "tempdir", str(own)),
     ):
         state = first_state(followed(source) if follow else source, reading, config, sample_period)
-        state = apply_options(state, channel, chain, q=q, r=r, p0=p0, x0=x0, gate=gate, momentum=momentum)
+        given = {
+            "q": q,
+            "r": r,
+            "p0": p0,
+            "x0": x0,
+            "gate": gate,
+            "momentum": momentum,
+            "fast": fast,
+            "spikes": spikes,
+        }
+        state = apply_options(state, channel, chain, **given)
         start = functools.partial(guarded_server, host, port, allow_hosts=allow_host or (), behind=behind)
         start = functools.partial(start, token=token, page_script=page_script(), hold=True, label="Kalscope")
         serve(state, start, log, hidden, browser=browser)

@@ -75,6 +75,8 @@ class Frame:
     """The state of the connection to the live board."""
     velocity: Array | None = None
     """Filtered velocity, unit per s, or per sample without a sample period; None where not wanted or not known."""
+    moving: Array | None = None
+    """With two speeds, the probability that the signal moves; None with one."""
     velocity_spread: Array | None = None
     """2·√ of its variance, in the same unit."""
     set_aside: Array | None = None
@@ -138,6 +140,7 @@ def compute_frame(
         board_difference=_largest_difference(board, whole, drawn),
         connection=connection,
         velocity=velocity,
+        moving=result.moving,
         velocity_spread=velocity_spread,
         set_aside=None if aside is None else np.where(aside[at], drawn.raw, np.nan),
         refused=np.where(refused, drawn.raw, np.nan) if gated else None,

@@ -21,7 +21,7 @@ from kalscope.common.text import TIME_UNITS, lag_text, one_line, typed_gate, typ
 from kalscope.errors import BadFile, BadSetting
 from kalscope.estimation.result import Estimate
 from kalscope.filtering.classic import Chain
-from kalscope.filtering.params import MAX_MOMENTUM, FilterParams
+from kalscope.filtering.params import MAX_FAST, MAX_MOMENTUM, FilterParams
 from kalscope.filtering.steady import steady_state
 from kalscope.recording import Recording
 from kalscope.sources.grammar.read_options import option, option_words
@@ -94,13 +94,13 @@ def set_exponent(state: State, name: str, exponent: float) -> State:
 @requested
 def set_point(state: State, q_exponent: float, r_exponent: float) -> State:
     """A point of the tuning map was chosen: q and r become 10^exponent, to three digits."""
-    if not state.is_standard or not (math.isfinite(q_exponent) and math.isfinite(r_exponent)):
+    if not state.has_one_speed or not (math.isfinite(q_exponent) and math.isfinite(r_exponent)):
         return state
     q, r = (_rounded(10.0 ** min(max(e, -300.0), 299.9)) for e in (q_exponent, r_exponent))
     return state if (q, r) == (state.tuning.q, state.tuning.r) else state.with_tuning(q=q, r=r, how="by hand")
 
 
-NOTHING = {"p0": None, "x0": None, "gate": None, "momentum": 0.0}
+NOTHING = {"p0": None, "x0": None, "gate": None, "momentum": 0.0, "fast": None, "spikes": 0.0}
 """The parameters that may be left out, and their values then."""
 
 WORDS_OF_NOTHING = ("", "automatic", "diffuse", "first", "off", "none")
@@ -117,7 +117,7 @@ def typed_value(name: str, text: str) -> float | None:
 def set_text(state: State, name: str, text: str) -> State:
     """An exact value was typed: a number, or a word for none; the gate in σ, a momentum also as a time."""
     if name == "gate":
-        return state.with_tuning(gate=typed_gate(text))
+        return _by_hand(state, "gate", typed_gate(text))
     is_momentum = name == "momentum"
     value = typed_momentum(text, state.recording.sample_period) if is_momentum else typed_value(name, text)
     if getattr(state.tuning, name) == value:
@@ -130,9 +130,24 @@ def set_text(state: State, name: str, text: str) -> State:
 
 
 def _by_hand(state: State, name: str, value: float | None) -> State:
-    """One parameter set by hand; only q, r and the momentum have a history that this ends."""
-    how = "by hand" if name in ("q", "r", "momentum") else state.tuning.how
-    return state.with_tuning(**{name: value}, how=how)
+    """One parameter set by hand; those of the start and the gate have no history that this ends.
+
+    Momentum and two speeds exclude each other, and a filter with two speeds has no gate.
+    """
+    how = "by hand" if name in ("q", "r", "momentum", "fast") else state.tuning.how
+    more: dict[str, Any] = {"fast": None, "spikes": 0.0} if name in ("momentum", "gate") and value else {}
+    if name == "fast":
+        more = {"momentum": 0.0, "gate": None} if value else {"spikes": 0.0}
+    return state.with_tuning(**{**more, name: value}, how=how)
+
+
+@requested
+def set_fast_position(state: State, position: float) -> State:
+    """The slider of the fast factor was moved: it becomes 10^position; one speed at its low end."""
+    if not math.isfinite(position):
+        return state
+    fast = _rounded(10.0 ** min(max(position, 0.0), math.log10(MAX_FAST)))
+    return state if fast == state.tuning.fast else _by_hand(state, "fast", fast if fast > 1.0 else None)
 
 
 def reset_parameters(state: State) -> State:
@@ -158,7 +173,8 @@ def apply_found(state: State, recording: Recording, channel: str, found: FitResu
         return replace(state, searched=outcome)
     by_hand = before not in (state.searched and state.searched.after, *(one.after for one in state.firsts))
     kept = before if by_hand else replace(before, gate=None, p0=None, x0=None)
-    values = {name: float(getattr(params, name)) for name in ("q", "r", "momentum")}
+    values: dict[str, Any] = {name: getattr(params, name) for name in ("q", "r", "momentum", "fast", "spikes")}
+    values |= {"gate": None} if params.fast else {}
     values |= {} if params.gate is None else {"gate": params.gate}
     values |= {} if params.p0 is None else {"p0": params.p0, "x0": params.x0}
     after = replace(kept, **values, how=found.how, chain=None, paper=None)
@@ -833,7 +849,7 @@ def use_calibration(state: State) -> State:
 # One line that reopens file, channel and setting: written from a State, and applied to one.
 
 
-AUTOMATIC = {"p0": "automatic", "x0": "first", "gate": "off"}
+AUTOMATIC = {"p0": "automatic", "x0": "first", "gate": "off", "fast": "off"}
 """The texts that mean no number."""
 
 
@@ -874,7 +890,7 @@ def setting_words(state: State) -> list[str]:
     tuning, start = state.tuning, state.start
     words = [*option("q", repr(tuning.q)), *option("r", repr(tuning.r))]
     by_value = tuning.p0 is not None
-    for name in ("momentum", "p0", "x0", "gate"):
+    for name in ("momentum", "fast", "spikes", "p0", "x0", "gate"):
         value = getattr(tuning, name)
         if value != getattr(start, name) and (name != "x0" or by_value):
             words += option(name, AUTOMATIC[name] if value is None else repr(value))

@@ -504,6 +504,11 @@ class State:
         return self.fusion is None and self.filter.is_standard
 
     @property
+    def has_one_speed(self) -> bool:
+        """Whether the filter on screen is the same all the time, once it has settled."""
+        return self.is_standard and self.tuning.fast is None
+
+    @property
     def has_gain(self) -> bool:
         """Whether what is on screen has a Kalman gain: not a chain that ends with another filter."""
         return self.tuning.chain is None or self.tuning.chain.then is None
@@ -577,7 +582,7 @@ class State:
 
     def with_tuning_of(self, at: int, tuning: ChannelTuning) -> State:
         """The state with other parameters for one channel, by its index; linked channels follow."""
-        before, names = self.tunings[at], ("q", "r", "momentum", "chain", "paper")
+        before, names = self.tunings[at], ("q", "r", "momentum", "fast", "spikes", "chain", "paper")
         same = all(getattr(before, name) == getattr(tuning, name) for name in names)
         tunings = (*self.tunings[:at], tuning, *self.tunings[at + 1 :])
         tunings = apply_to_linked(tunings, self.starts, at, self.link)

@@ -10,7 +10,7 @@ import numpy as np
 from kalscope.analysis.diagnostics import Diagnostics, diagnose_held_out, diagnose_run, without_residuals
 from kalscope.analysis.findings import request_in, still_met
 from kalscope.analysis.fused import judge_fusion
-from kalscope.analysis.judge import Judgement, judge, needs_noise, with_momentum
+from kalscope.analysis.judge import Judgement, judge, needs_noise, with_momentum, with_two_speeds
 from kalscope.analysis.residuals import Run
 from kalscope.analysis.spectrum import AllanDeviation, Spectrum, allan_deviation, magnitude_response, spectrum
 from kalscope.common.numbers import Array
@@ -18,6 +18,7 @@ from kalscope.estimation.fit import estimate
 from kalscope.estimation.methods import METHODS
 from kalscope.estimation.settings import momentum_gain
 from kalscope.estimation.still import find_still_stretch
+from kalscope.estimation.two_speeds import TwoSpeeds, fit_two_speeds
 from kalscope.export.board import BoardCheck, check_board
 from kalscope.filtering.params import FilterParams
 from kalscope_app.engine.filter_runs import Cache
@@ -37,6 +38,18 @@ def still_stretch(state: State, kept: Cache[Stretch]) -> Stretch:
         return None
     scope = state.recording, state.channel, state.recording.gaps
     return kept.once(lambda: find_still_stretch(state.z, state.dt), *scope)
+
+
+def two_speeds_in(state: State, kept: Cache[TwoSpeeds | None]) -> TwoSpeeds | None:
+    """What two speeds would bring to the channel on screen; None of a live record, and where there is no noise."""
+    first = None if state.live is not None or state.first is None else state.first.after
+    if first is None or not (first.q > 0.0 and first.r > 0.0):
+        return None
+    steps, scope = (
+        np.empty(0) if state.dt is None else state.dt,
+        (state.recording, state.channel, state.recording.gaps),
+    )
+    return kept.once(lambda: fit_two_speeds(state.z, steps, FilterParams(first.q, first.r)), *scope)
 
 
 # Whether the live board computes what the screen shows: an idle-time computation.
@@ -128,8 +141,8 @@ class Spectra:
 
 
 def compute_spectra(state: State) -> Spectra | None:
-    """Densities and response of the channel on screen; None where its filter has no q and r."""
-    if not state.is_standard:
+    """Densities and response of the channel on screen; None where its filter has no one response."""
+    if not state.has_one_speed:
         return None
     period = state.recording.sample_period
     found = spectrum(state.z, state.params, state.dt, period)
@@ -168,8 +181,8 @@ class Allan:
 
 
 def compute_allan(state: State) -> Allan | None:
-    """Allan deviation of the channel on screen; None where its filter has no q and r."""
-    if not state.is_standard:
+    """Allan deviation of the channel on screen; None where its filter has no one model."""
+    if not state.has_one_speed:
         return None
     return Allan(state, allan_deviation(state.z, state.params, state.recording.sample_period))
 
@@ -200,12 +213,17 @@ class Checks:
         return self.search or self.judgement
 
 
-def compute_checks(state: State, still: Callable[[State], Stretch] = lambda _state: None) -> Checks | None:
+def compute_checks(
+    state: State,
+    still: Callable[[State], Stretch] = lambda _state: None,
+    speeds: Callable[[State], TwoSpeeds | None] = lambda _state: None,
+) -> Checks | None:
     """Diagnose the channel on screen; None where its filter has no q and r to judge, or these are still to come.
 
     Args:
         state: what is on screen.
         still: finds a still stretch, which is asked for only where it would help.
+        speeds: finds two speeds, as rarely.
     """
     if not state.is_standard or state.tuning.how == NOT_FITTED:
         return None
@@ -219,6 +237,9 @@ def compute_checks(state: State, still: Callable[[State], Stretch] = lambda _sta
 
     held_out = diagnose_held_out(z, fit if estimated else state.params, dt)
     judgement, search = _of_filter(state, whole, held_out, still), _of_search(state, still)
+    if judgement.tone != "good" and state.has_one_speed and judgement.status != "as_chosen":
+        found = speeds(state)
+        judgement = judgement if found is None else with_two_speeds(judgement, found)
     whole, held_out = without_residuals(whole), without_residuals(held_out)
     judgement = replace(judgement, residuals=whole, held_out=held_out)  # without the arrays of all samples
     return Checks(state, whole, held_out, estimated, judgement, search)

@@ -229,9 +229,9 @@ class TuningMap:
 
 def compute_map(state: State, kept: Cache[Any]) -> TuningMap:
     """The map of a state; `kept` has the last one, and all that a move of q, r or the window does not change."""
-    if not state.is_standard:
+    if not state.has_one_speed:
         fused = "The tuning map is for one channel: choose one above the tabs."
-        other = "The tuning map is that of the Kalman filter alone: another filter runs now."
+        other = "The tuning map is that of one Kalman filter alone: another filter runs now."
         return nothing(other if state.fusion is None else fused)
     kept.begin(state.recording, state.channel, state.tuning.momentum)
     scan = kept.get(None, lambda: scan_recording(state))

@@ -51,6 +51,7 @@ Search = Callable[[State], Request | None]
 WORDS: dict[type[object], str] = {
     actions.EstimateAgain: "Fit again",
     actions.AddMomentum: "Add momentum at this lag",
+    actions.AddTwoSpeeds: "Add two speeds",
     actions.SetSpikesAside: "Set the spikes aside and fit again",
     actions.GiveNoise: "Give the noise of the sensor",
     actions.ChooseFilter: "Choose a lag",
@@ -101,6 +102,8 @@ def request_of(action: actions.Action, state: State) -> Request | None:
             return replace(before, robust=True)  # what was known about the noise still is
         case actions.EstimateAgain():
             return Request()
+        case actions.AddTwoSpeeds():
+            return Request(two_speeds=True)
         case actions.AddMomentum(tau):
             lag = float(steady_state(state.params).lag_samples)
             return Request(target={"lag_samples": lag}, momentum=tau)

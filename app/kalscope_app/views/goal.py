@@ -211,6 +211,13 @@ def answer_text(state: State) -> str:
     before, after = steady_state(outcome.before.params), steady_state(outcome.after.params)
     lag, lag_before = (_glued(lag_text(one.lag_samples, period)) for one in (after, before))
     left, left_before = (_glued(noise_left(one.noise_reduction_db)) for one in (after, before))
+    if outcome.after.fast is not None:
+        moving = steady_state(outcome.after.params.moving)
+        lag_moving, left_moving = lag_text(moving.lag_samples, period), noise_left(moving.noise_reduction_db)
+        return (
+            f"Two speeds. At rest: lag **{lag}**, leaves **{left} of the noise**. Moving: lag "
+            f"**{_glued(lag_moving)}**, leaves **{_glued(left_moving)}**. Before: {lag_before}, {left_before}."
+        )
     said = [
         f"{_lead(outcome)} **{lag}** leaves **{left} of the noise** "
         f"({_glued(decibels(-float(after.noise_reduction_db)))}).",

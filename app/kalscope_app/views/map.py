@@ -319,7 +319,7 @@ class TuningMapView:
             self._place(frame.state)
 
     def _place(self, state: State) -> None:
-        visible = bool(self._map.marks) and state.is_standard
+        visible = bool(self._map.marks) and state.has_one_speed
         put(self._present, value=self._share(exponents_of(state.tuning.q, state.tuning.r)) if visible else NOWHERE)
 
     def _share(self, point: Point) -> Point:

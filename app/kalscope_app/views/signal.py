@@ -33,6 +33,7 @@ from kalscope_app.views.charts import (
     LIGHT,
     Chart,
     ChartLine,
+    Ends,
     Scale,
     band,
     gappy,
@@ -159,7 +160,7 @@ class SignalView:
     def show(self, frame: Frame, *, thinned: bool = False) -> None:
         """Draw the signal; `thinned`: with fewer points, while a control moves."""
         state = frame.state
-        third = frame.velocity is not None or (state.view.gain_shown and state.has_gain)
+        third = frame.velocity is not None or frame.moving is not None or (state.view.gain_shown and state.has_gain)
         self._share_height(3 if third else 2, self._height_above(frame))
         scale = scale_for(frame.drawn.raw, state.tuning.unit)
         places = places_to_keep(frame, self._kept) if thinned else None
@@ -182,6 +183,11 @@ class SignalView:
             edges = band(frame.velocity, frame.velocity_spread, "2σ", palette.gain + palette.band)
             middle = line(frame.velocity, scale.label("velocity"), palette.gain, 2)  # the unit is in the legend
             self._draw(self.velocity, frame, [*edges, middle], "velocity", scale)
+            return
+        if frame.moving is not None:
+            self.gain.hide()
+            strip = line(frame.moving, "probability of moving", palette.gain, 2)
+            self._draw(self.velocity, frame, [strip], "moving", Scale(1.0, ""), y_range=(0.0, 1.0))
             return
         self.velocity.hide()
         if not (state.view.gain_shown and state.has_gain):
@@ -212,6 +218,7 @@ class SignalView:
         label: str,
         scale: Scale,
         places: NDArray[np.intp] | None = None,
+        y_range: Ends | None = None,
     ) -> None:
         """Draw over time; `places`: the only points to draw."""
         axis, x = time_axis(frame), time_axis(frame).x
@@ -219,7 +226,9 @@ class SignalView:
             x, lines = x[places], [replace(one, y=one.y[places]) for one in lines]
         space = 30 if chart is self.signal else 15  # with fewer ticks a low chart has a 0 and no other number
         view, reach = frame.state.view.resets, axis.reach
-        chart.draw(x, lines, axis.label, label, factor=scale.factor, view=view, reach=reach, space=space)
+        chart.draw(
+            x, lines, axis.label, label, factor=scale.factor, view=view, reach=reach, y_range=y_range, space=space
+        )
 
 
 def signal_lines(frame: Frame) -> list[ChartLine]:

@@ -8,6 +8,8 @@ import viser
 
 from kalscope.common.text import decibels, frequency, gate_digits, lag_in_full, number, percent, plural
 from kalscope.filtering.classic import OneEuro
+from kalscope.filtering.params import MAX_FAST
+from kalscope.filtering.steady import steady_state
 from kalscope_app.engine.frame import Frame
 from kalscope_app.session.changes import (
     MAX_POSITION,
@@ -18,6 +20,7 @@ from kalscope_app.session.changes import (
     pin_present,
     reset_parameters,
     set_exponent,
+    set_fast_position,
     set_gain_shown,
     set_median,
     set_momentum_position,
@@ -54,6 +57,10 @@ ROWS = {
         "momentum τ",
         "How long the signal keeps its direction, in samples or as 240 ms. More: less noise, but overshoot.",
     ),
+    "fast": (
+        "fast factor",
+        "Two speeds: q is this many times larger while the signal moves. off: one speed.",
+    ),
 }
 """Label and hint of each box by its parameter."""
 
@@ -62,6 +69,8 @@ def place(state: State, name: str) -> tuple[float, Ends]:
     """Position and ends of the slider of a parameter."""
     if name == "momentum":
         return slider_position(state.tuning.momentum), ((0.0, OFF), (MAX_POSITION, "1e5"))
+    if name == "fast":
+        return math.log10(state.tuning.fast or 1.0), ((0.0, OFF), (math.log10(MAX_FAST), "1e12"))
     return on_decades(
         getattr(state.tuning, name), *slider_limits(state, name), beyond=AUTOMATIC if name == "p0" else ""
     )
@@ -80,8 +89,8 @@ class ParametersView:
         return NumberWithSlider(gui, session, label, box, lambda at: self._moved(name, at))
 
     def _moved(self, name: str, position: float) -> Change:
-        if name == "momentum":
-            return set_momentum_position(position)
+        if name in ("momentum", "fast"):
+            return (set_momentum_position if name == "momentum" else set_fast_position)(position)
         if name == "p0" and position > self._rows[name].slider.max - 0.5:
             return set_text(name, AUTOMATIC)
         return set_exponent(name, position)
@@ -91,14 +100,14 @@ class ParametersView:
         state = frame.state
         for name, row in self._rows.items():
             value, missing = getattr(state.tuning, name), AUTOMATIC
-            if name == "momentum":
+            if name in ("momentum", "fast"):
                 value, missing = value or None, OFF
             row.show(frame, value, missing, *place(state, name))
             row.set_visible(state.uses_parameters and self._is_needed(name, frame))
 
     def _is_needed(self, name: str, frame: Frame) -> bool:
-        if name == "momentum":  # a slider that is dragged to off stays until then
-            return frame.state.tuning.momentum > 0.0 or self._rows[name].is_held(frame)
+        if name in ("momentum", "fast"):  # a slider that is dragged to off stays until then
+            return bool(getattr(frame.state.tuning, name)) or self._rows[name].is_held(frame)
         return name != "r" or frame.state.fusion is None  # each of several fused sensors has its own
 
 
@@ -169,7 +178,7 @@ class MoreView:
             TypedNumber(gui, session, name, *words, written=gate_digits if name == "gate" else None)
             for name, words in MORE_BOXES.items()
         )
-        self._momentum = ParametersView(gui, session, "momentum")
+        self._momentum = ParametersView(gui, session, "momentum", "fast")
         self._median = gui.add_dropdown("median first", list[str](MEDIANS), hint=MEDIAN_HINT)
         self._add = gui.add_button(
             "Add momentum",
@@ -190,12 +199,12 @@ class MoreView:
         self._momentum.show(frame)
         self._x0.show(frame, tuning.x0, "first")
         self._gate.show(frame, tuning.gate, OFF)
-        for box in (self._x0, self._gate):
-            box.set_visible(used)
+        self._x0.set_visible(used)
+        self._gate.set_visible(used and tuning.fast is None)
         window = 1 if tuning.chain is None else tuning.chain.median
         put(self._median, visible=state.fusion is None and tuning.paper is None)
         offer(self._median, dict.fromkeys((*MEDIANS, median_words(window))), median_words(window))
-        self._add.visible = used and tuning.momentum == 0.0
+        self._add.visible = used and tuning.momentum == 0.0 and tuning.fast is None
         put(self._gain, value=state.view.gain_shown, visible=state.has_gain)
         account = account_text(state)
         put(self._table, content=table(frame))
@@ -210,6 +219,12 @@ def table(frame: Frame) -> str:
         "lag (delay)": _time_in_bold(steady.lag_samples, period),
         "noise reduction": f"**{decibels(steady.noise_reduction_db)}**",
     }
+    if used and state.tuning.fast is not None:
+        moving = steady_state(params.moving, period)
+        rows = {f"{name}, at rest": value for name, value in rows.items()}
+        rows["lag (delay), moving"] = _time_in_bold(moving.lag_samples, period)
+        rows["noise reduction, moving"] = f"**{decibels(moving.noise_reduction_db)}**"
+        rows["spikes"] = f"**{percent(state.tuning.spikes)}**"
     if state.tuning.momentum > 0.0 and used:
         rows["overshoot (step)"] = f"**{percent(steady.overshoot)}**"
         rows["keeps direction"] = _time_in_bold(state.tuning.momentum, period)

@@ -15,6 +15,7 @@ import viser
 
 from kalscope.common.compiled import Compiling
 from kalscope.common.text import decibels, lag_text
+from kalscope.filtering.steady import steady_state
 from kalscope.recording import Recording
 from kalscope.sources.reading.axis import jitter_of, rate_words
 from kalscope_app.engine.frame import Frame
@@ -474,5 +475,13 @@ def figures(frame: Frame) -> str:
     steady, chain = frame.steady, frame.state.tuning.chain
     left, level = noise_left(steady.noise_reduction_db), decibels(-steady.noise_reduction_db)
     name = "" if chain is None else f"**{capitalised(chain.words)}**  \n"
-    lag = lag_text(steady.lag_samples, frame.state.recording.sample_period)
+    lag = lag_text(steady.lag_samples, period := frame.state.recording.sample_period)
+    params, used = frame.state.params, frame.state.uses_parameters
+    if params.fast is not None and used:
+        moving = steady_state(params.moving)
+        lag, left = (
+            f"{lag} → {lag_text(moving.lag_samples, period)}",
+            f"{left} → {noise_left(moving.noise_reduction_db)}",
+        )
+        level = "at rest → moving"
     return f"{name}{FIGURE}**{lag}** lag</span> {FIGURE}**{left}** noise left ({level})</span>"

@@ -148,6 +148,8 @@ def fixed_lag(
 
 def identity_words(params: FilterParams) -> str:
     """Sentences on what the current filter is once it has settled."""
+    if params.fast is not None:
+        return "Your filter has two speeds: its lag is that while the signal moves, its noise that at rest."
     steady, tau = steady_state(params), params.momentum
     gain = number(steady.gain, 4)
     form = f"is exponential smoothing with α = K = {gain}: x += {gain}·(z − x)."
@@ -227,9 +229,15 @@ def compare_alternatives(
     piece = np.ascontiguousarray(samples[part])
     steps, true = (None if each is None else np.asarray(each, dtype=np.float64)[part] for each in (dt, truth))
     result, steady = kalman_filter(piece, params, steps), steady_state(params)
+    if params.fast is not None:  # its lag while the signal moves, its noise at rest
+        steady = replace(steady_state(params.moving), noise_reduction_db=steady.noise_reduction_db)
     yours = present_filter(params, steps, result, steady)
     refused = refusal(piece, steady.lag_samples, steady.gain)
-    chosen = () if refused is not None else _candidates(piece, result.x, steady, match, params.momentum > 0.0)
+    chosen = (
+        ()
+        if refused is not None
+        else _candidates(piece, result.x, steady, match, params.momentum > 0.0 or params.fast is not None)
+    )
     slowest = max((one.start_samples for one in chosen), default=0)
     start_at = int(np.argmax(np.isfinite(piece))) if len(piece) else 0
     errors = Errors(piece, true, min(start_at + slowest, len(piece) // 2))  # once every causal filter has started

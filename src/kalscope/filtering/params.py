@@ -78,8 +78,8 @@ class FilterParams:
     gain: Array = cast("Array", 1.0)  # noqa: RUF009
     """Rise of each reading when the quantity rises by 1, not 0, shape (sensors,), read-only."""
     fast: float | None = None
-    """Two speeds: q grows to fast q while the signal moves, 1 … 1e12; None or 1 = one speed. For one sensor that reads x
-    itself, with r > 0, without momentum and gate."""
+    """Two speeds: q grows to fast q while the signal moves, 1 … 1e12; None or 1 = one speed. For one sensor that
+    reads x itself, with r > 0, without momentum and gate."""
     spikes: float = 0.0
     """With two speeds, the probability that a reading is a spike, of ten times the noise, 0 … 0.5."""
 
