@@ -221,7 +221,9 @@ class Dashboard:
                 self._panels.show(frame)
                 self._views.draw(self.signal.show, frame, thinned=Part.FULL not in parts)
             if Part.NUMBERS in parts:
-                self._show_numbers(frame)
+                main = self._header, self._verdict, self._goal, self._parameters, self._more, self._chain
+                views = *main, self._costs, self._fusion
+                self._draw(frame, *(view.show for view in views), self._map.follow)
             if Part.CHARTS in parts:
                 self._draw(frame, self.signal.show_below)
             if Part.OTHER in parts:
@@ -233,11 +235,6 @@ class Dashboard:
             self._note = frame.state.note
             if self._note:
                 self.notifications.tell(self._note, good=True)
-
-    def _show_numbers(self, frame: Frame) -> None:
-        main = self._header, self._verdict, self._goal, self._parameters, self._more, self._chain
-        views = *main, self._costs, self._fusion
-        self._draw(frame, *(view.show for view in views), self._map.follow)
 
     def _show_other(self, frame: Frame) -> None:
         views = self._view, self._question, self._window, self._source, self._live

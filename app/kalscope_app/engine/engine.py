@@ -159,13 +159,12 @@ class Studies:
         took = [0.0]
         for study in self._studies:
             if state is not self._state:
+                took.append(self._longest)  # not a whole round: a longer study may be still to come
                 break
             start = time.monotonic()
             self._one(study, state)
             took.append(time.monotonic() - start)
-        else:
-            self._longest = 0.0  # a whole round: a shorter record may be open by now
-        self._longest = max(self._longest, *took)
+        self._longest = max(took)
 
     def _one(self, study: Study, state: State) -> None:
         try:

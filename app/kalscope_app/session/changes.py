@@ -464,8 +464,7 @@ def at_device(state: State, fleet: Fleet, i: int) -> State:
     name = one_line(fleet.devices.name(i))[:80]
     if fleet.devices.reasons[i]:
         return replace(state, note=f"{name} has no q and r: {one_line(fleet.devices.reasons[i])[:200]}.")
-    after = adapted(state, device_tuning(fleet, i))
-    return replace(after, note=f"{name} at its own filter. {after.note}".strip())
+    return adapted(state, device_tuning(fleet, i), f"{name} at its own filter.")
 
 
 # Changes of the pinned settings.
@@ -625,8 +624,7 @@ def uploaded_settings(name: str, content: bytes) -> Tuning:
 @requested
 def use_settings(state: State, tuning: Tuning, name: str) -> State:
     """The values of a file, called `name`, become those of the channels of the same names; one undoable change."""
-    after = adapted(state, tuning)
-    return replace(after, note=f"Loaded {one_line(name)[:80]}. {after.note}".strip())
+    return adapted(state, tuning, f"Loaded {one_line(name)[:80]}.")
 
 
 @requested
@@ -635,7 +633,7 @@ def as_it_was_left(state: State, tuning: Tuning) -> State:
     if state.recording.source != tuning.source or state.tunings != state.starts:
         return state
     try:
-        after = adapted(state, tuning)
+        after = adapted(state, tuning, "The filter is as you left it: Undo gives the starting values.")
     except BadSetting:  # the file has other channels now
         return state
     # Older versions also kept filters that nobody had changed.
@@ -644,8 +642,7 @@ def as_it_was_left(state: State, tuning: Tuning) -> State:
     if (tunings, after.fused) == (state.tunings, state.fused):
         return state
     chosen = state.channel != default_channel(state.recording)  # on the command line
-    note = f"The filter is as you left it: Undo gives the starting values. {after.note}".strip()
-    return replace(after, tunings=tunings, channel=state.channel if chosen else after.channel, note=note)
+    return replace(after, tunings=tunings, channel=state.channel if chosen else after.channel)
 
 
 # A live board in the State: its window follows the newest sample or is paused; `refreshed` adds new samples.
@@ -869,7 +866,9 @@ def share_line(state: State) -> ShareLine:
     source = f"./{recording.source}" if recording.source.startswith("-") else recording.source
     if not source.isprintable() or not source:
         source, remarks = "FILE", ["Replace FILE with the path of the open file."]
-    words = ["kalscope", "open", source, *reading_words(state)]
+    words = ["kalscope", "open", source]
+    words += () if state.typed_period is None else option("sample-period", repr(state.typed_period))
+    words += option_words(state.options)
     if len(recording.names) > 1:
         named = state.channel.isprintable() and state.channel.strip()
         words += option("channel", state.channel if named else str(state.index + 1))
@@ -895,12 +894,6 @@ def setting_words(state: State) -> list[str]:
         if value != getattr(start, name) and (name != "x0" or by_value):
             words += option(name, AUTOMATIC[name] if value is None else repr(value))
     return words if tuning.chain is None else [*words, *option("chain", chain_text(tuning.chain))]
-
-
-def reading_words(state: State) -> list[str]:
-    """How the file is to be read, where that was decided."""
-    words = () if state.typed_period is None else option("sample-period", repr(state.typed_period))
-    return [*words, *option_words(state.options)]
 
 
 def apply_options(state: State, channel: str | None, chain: str | None, **given: str | None) -> State:

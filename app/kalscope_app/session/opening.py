@@ -135,10 +135,10 @@ def first_answer(recording: Recording, name: str, most: int = MOST_FITTED) -> Ou
     return Outcome(**vars(found), before=start, after=start)
 
 
-def adapted(state: State, tuning: Tuning) -> State:
+def adapted(state: State, tuning: Tuning, note: str = "") -> State:
     """The state at the values of a tuning file, and at the channel that it selects.
 
-    A recording without a sample period takes that of the file.
+    A recording without a sample period takes that of the file. What had to be adapted is added to the note.
 
     Raises:
         BadSetting: none of the recording's channels is in the file.
@@ -151,25 +151,20 @@ def adapted(state: State, tuning: Tuning) -> State:
     entries, notes = adapt_tuning(state.recording, tuning)
     tunings = tuple(replace(entries.get(own.name, own), name=own.name, unit=own.unit) for own in state.tunings)
     channel = tuning.selected if tuning.selected in entries else next(iter(entries))
-    note = " ".join(f"{note[:1].upper()}{note[1:]}." for note in notes)
-    state = replace(state, tunings=tunings, channel=channel, shows_fused=False)
-    state, missing = _with_fusion_of(tuning, state)
-    return replace(state, searched=None, note=f"{note} {missing}".strip())
-
-
-def _with_fusion_of(tuning: Tuning, state: State) -> tuple[State, str]:
-    """The state with the fused filter of a file on screen, if it has one; and why it cannot be, if it cannot."""
-    fused, period = tuning.fusion, state.recording.sample_period
-    if fused is None:
-        return state, ""
-    if period is not None and tuning.sample_period is not None and not same_period(period, tuning.sample_period):
-        fused = tuning.rescaled(period).fusion or fused
-    name = name_of_fused(state.recording) if fused.name in state.recording.names else fused.name
-    fused = replace(fused, name=name)
-    if not set(fused.sensors) <= set(state.recording.names):
+    said = [note, *(f"{one[:1].upper()}{one[1:]}." for one in notes)]
+    state = replace(state, tunings=tunings, channel=channel, shows_fused=False, searched=None)
+    fused, recording = tuning.fusion, state.recording
+    if fused is not None and not set(fused.sensors) <= set(recording.names):
         names = ", ".join(map(one_line, fused.sensors))[:120]
-        return state, f"The sensors that the file fuses are not all here: {names}."
-    return state.with_fusion(Fusion(fused, fused)), ""
+        said.append(f"The sensors that the file fuses are not all here: {names}.")
+    elif fused is not None:
+        period, filed = recording.sample_period, tuning.sample_period
+        if period is not None and filed is not None and not same_period(period, filed):
+            fused = tuning.rescaled(period).fusion or fused
+        name = name_of_fused(recording) if fused.name in recording.names else fused.name
+        fused = replace(fused, name=name)
+        state = state.with_fusion(Fusion(fused, fused))
+    return replace(state, note=" ".join(filter(None, said)))
 
 
 def opened_experiment(name: str, before: State | None = None) -> State:
