@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from headless import headless
@@ -89,14 +87,4 @@ def test_a_frame_that_cannot_be_computed_leaves_nothing_of_the_one_before(screen
         assert {seen[name] for name in ("_header", "signal", "_more", "_source", "_map")} == {b""}
         assert {name: seen[name] for name in STUDIED} == {name: screen.at_second[name] for name in STUDIED}
         assert screen.errors() == [BROKEN]
-    assert screen.look_at(screen.first) == screen.at_first
-
-
-def test_a_study_that_fails_leaves_nothing_of_the_one_before(screen, monkeypatch):
-    studies = screen.bench.studies
-    with monkeypatch.context() as patch:
-        patch.setattr(studies, "_studies", [replace(one, compute=broken) for one in studies._studies])
-        seen = screen.look_at(screen.second.with_view(resets=5), screen.second)
-        assert {seen[name] for name in (*STUDIED, "_map", "_verdict")} == {b""}
-        assert screen.errors() == [BROKEN] * (len(studies._studies) - 1)  # keeping the filters shows nothing
     assert screen.look_at(screen.first) == screen.at_first
