@@ -102,7 +102,8 @@ def sketch():
         LiveSource(f"tcp://127.0.0.1:{server.getsockname()[1]}") as live,
         server.accept()[0] as client,
     ):
-        stop, lines = threading.Event(), Sketch(recording)
+        stop, lines = threading.Event(), BoardLines(recording)
+        lines.sketch = Sketch(recording, 1000.0)
         board = threading.Thread(target=demo_board.send_lines, args=(client, lines, stop))
         board.start()
         wait_until(lambda: live.status().accepted > 20, "rows")

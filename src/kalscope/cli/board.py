@@ -32,6 +32,7 @@ from kalscope.sources.port.serial_port import PortInfo, list_ports
 if TYPE_CHECKING:
     import threading
 
+    from kalscope.cli.demo_sketch import Sketch
     from kalscope.sources.live.source import LiveSource, LiveStatus
     from kalscope.sources.recorder import Recorder
 
@@ -288,6 +289,8 @@ class BoardLines:
             for row in recording.values.tolist()
         ]
         """One line per sample, newline included."""
+        self.sketch: Sketch | None = None
+        """What the board runs that filters and answers; None = nothing."""
 
     def between(self, sent: int, now: float) -> tuple[list[int], float]:
         """Which lines after the first `sent` ones are due at `now`, s, and when the next one is."""
@@ -301,11 +304,11 @@ class BoardLines:
 
     def line(self, row: int) -> bytes:
         """The line of a sample, and what else the board says then."""
-        return self.lines[row]
+        return self.lines[row] if self.sketch is None else self.sketch.line(row)
 
-    def obey(self, received: bytes) -> bytes:  # noqa: ARG002  # see `Sketch`
+    def obey(self, received: bytes) -> bytes:
         """The answers to what arrived."""
-        return b""
+        return b"" if self.sketch is None else self.sketch.obey(received)
 
 
 def _due(recording: Recording, rate: float | None) -> tuple[NDArray[np.float64], float]:
@@ -375,7 +378,10 @@ def demo_board_command(
     from kalscope.catalogue import open_source
     from kalscope.cli.demo_sketch import Sketch
 
-    lines = (Sketch if as_sketch else BoardLines)(open_source(source), rate)
+    recording = open_source(source)
+    lines = BoardLines(recording, rate)
+    if as_sketch:
+        lines.sketch = Sketch(recording, len(recording) / lines.period)
     with _listen(port) as server, stop_signals() as stop:
         print(f"Demo board: kalscope open tcp://127.0.0.1:{server.getsockname()[1]}", flush=True)
         while not stop.is_set():

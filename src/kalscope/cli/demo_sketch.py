@@ -10,7 +10,6 @@ import re
 import numpy as np
 from numpy.typing import NDArray
 
-from kalscope.cli.board import BoardLines
 from kalscope.errors import BadSetting
 from kalscope.estimation.noise import noise_from_still
 from kalscope.export.board import MAX_LETTERS
@@ -24,12 +23,12 @@ _COMMAND = re.compile(r"(\d{0,3}) *(?:\?|([qrpc]) *((?:\d*\.)?\d+(?:e[+-]?\d+)?|
 _REFUSAL = "# not understood; q VALUE, r VALUE (0 or more, not both 0), p VALUE (or inf), c SECONDS or ?"
 
 
-class Sketch(BoardLines):
-    """The lines of a board that runs the sketch, and its state."""
+class Sketch:
+    """The state of a board that runs the sketch."""
 
-    def __init__(self, recording: Recording, rate: float | None = None) -> None:
-        """As for any demo board."""
-        super().__init__(recording, rate)
+    def __init__(self, recording: Recording, rate: float) -> None:
+        """Args: What the sensors see; samples per second."""
+        self._rate = rate
         self._z, self._rest, self._sent = recording.values.astype(np.float32), "", 0
         self._names, count = identifiers(recording.names), len(recording.names)
         self._used = {key: np.full(count, value, np.float32) for key, value in _START.items()}
@@ -83,7 +82,7 @@ class Sketch(BoardLines):
         """What the sketch says to a command for one channel; "" where it cannot work with the value."""
         used = {key: values[i] for key, values in self._used.items()}
         if what == "c":
-            rows = round(min(float(value), 1e6) * len(self.lines) / self.period)
+            rows = round(min(float(value), 1e6) * self._rate)
             self._ends[i] = self._sent + rows, rows
             return f"# {self._names[i]} " + (f"calibrating rows={rows}" if rows else "not calibrated: cancelled")
         if what is not None:
