@@ -34,15 +34,10 @@ class Jobs:
 
     def run(self, work: Callable[[], None], failed: Failed = Failed.OTHER) -> None:
         """Queue `work`, unless too much waits already; `failed` is the heading if it is refused."""
-        if not self.is_full:
+        if self._waiting.qsize() < MAX_WAITING:
             self._waiting.put((work, failed))
         else:
             self._tell("Too many tasks are waiting. Try again when the running one has finished.", failed=failed)
-
-    @property
-    def is_full(self) -> bool:
-        """Whether `run` would refuse more work."""
-        return self._waiting.qsize() >= MAX_WAITING
 
     def run_with_state(
         self, session: Session, work: Callable[[State], None], failed: Failed = Failed.OTHER

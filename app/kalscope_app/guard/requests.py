@@ -19,7 +19,6 @@ from collections.abc import Callable, Generator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import cache
-from html import escape
 from pathlib import Path
 from typing import Any
 
@@ -110,14 +109,6 @@ def behind_of(address: str | None) -> str:
 
 
 @dataclass(frozen=True)
-class SetCookie:
-    """The link was right: answer with the small page that keeps the token and leads to `Policy.home`."""
-
-    cookie: str
-    """The value of the Set-Cookie header."""
-
-
-@dataclass(frozen=True)
 class Refuse:
     """Answer with an error page; viser never sees the request."""
 
@@ -139,8 +130,13 @@ def below_home(policy: Policy, target: str) -> str:
     return target[len(home) - 1 :] or "/" if f"{target}/".startswith(home) else target
 
 
-def decide(policy: Policy, request: Request) -> Refuse | SetCookie | None:
-    """Decide on one request; None lets viser answer. Any exception counts as a refusal."""
+def decide(policy: Policy, request: Request) -> Refuse | str | None:
+    """Decide on one request. Any exception counts as a refusal.
+
+    Returns:
+        None lets viser answer. A text where the link was right: the cookie to set, with the page that leads to
+        `Policy.home`.
+    """
     hosts, origins, cookies = (tuple(request.headers.get_all(name)) for name in ("Host", "Origin", "Cookie"))
     if len(hosts) != 1 or not host_allowed(policy, hosts[0]):
         return Refuse(
@@ -176,7 +172,7 @@ def is_upgrade(request: Request) -> bool:
     return any("websocket" in value.lower() for value in request.headers.get_all("Upgrade"))
 
 
-def _answer_to_query(policy: Policy, request: Request, path: str, query: str) -> Refuse | SetCookie:
+def _answer_to_query(policy: Policy, request: Request, path: str, query: str) -> Refuse | str:
     """Decide on a target with a query: only the printed link has one, and only for a page."""
     match = _TOKEN_QUERY.fullmatch(query)
     if match is None or path != "/" or is_upgrade(request):
@@ -185,7 +181,7 @@ def _answer_to_query(policy: Policy, request: Request, path: str, query: str) ->
         return Refuse(403, "This link is wrong, or no longer valid.")
     # Strict: no page of another site can make the browser send it. A path without its last "/" covers both forms.
     cookie = f"{policy.cookie_name}={policy.token}; HttpOnly; SameSite=Strict; Path={policy.home.rstrip('/')}"
-    return SetCookie(f"{cookie}; Secure" if policy.is_behind(request.headers.get_all("Host")[0]) else cookie)
+    return f"{cookie}; Secure" if policy.is_behind(request.headers.get_all("Host")[0]) else cookie
 
 
 def host_allowed(policy: Policy, host: str) -> bool:
@@ -290,13 +286,7 @@ def opening_page(url: str) -> Generator[Path]:
     """
     with temporary_folder("kalscope-open-") as folder:
         file = folder / "kalscope.html"
-        target = escape(url, quote=True)
-        page = (
-            f'<!doctype html><meta charset="utf-8"><meta name="referrer" content="no-referrer">'
-            f'<meta http-equiv="refresh" content="0; url={target}"><title>Opening Kalscope…</title>'
-            f'<p><a href="{target}">Open Kalscope</a></p>\n'
-        )
-        write_private(file, page.encode())
+        write_private(file, link_page(url).encode())
         yield file
 
 
@@ -327,8 +317,6 @@ def _read_private(file: Path) -> str | None:
 # The small pages besides the dashboard itself, and the security headers of every page. Pure.
 
 
-OPEN_THE_LINK = "Open the link printed in the terminal"
-
 _KEEP_ADDRESS = (
     "{ const replace = history.replaceState; history.replaceState = (state) => replace.call(history, state, ''); }"
 )
@@ -349,21 +337,23 @@ def refusal_page(policy: Policy, refusal: Refuse) -> str:
     """The page of a refusal: what to do first, then why."""
     return _PAGE.format(
         head="",
-        title=OPEN_THE_LINK,
+        title="Open the link printed in the terminal",
         body=f"<p>{html.escape(refusal.reason)}</p><p>When Kalscope starts it prints a line like "
         f"<br><code>Kalscope: http://127.0.0.1:{policy.port}/?token=…</code><br>"
         "Open that address once in this browser. It leads to a page that may be bookmarked.</p>",
     )
 
 
-def link_page(home: str) -> str:
-    """The page behind the printed link; `home` is the path of the dashboard.
+def link_page(url: str) -> str:
+    """A page that leads on to `url`: the one behind the printed link leads to the path of the dashboard.
 
     No redirect: a browser that follows another site's link to us would not send a Strict cookie along.
     """
-    head = f'<meta http-equiv="refresh" content="0; url={home}">'
-    body = f'<p><a href="{home}">Go on to the dashboard</a></p>'
-    return _PAGE.format(head=head, title="Opening Kalscope…", body=body)
+    url = html.escape(url)
+    head = f'<meta name="referrer" content="no-referrer"><meta http-equiv="refresh" content="0; url={url}">'
+    return _PAGE.format(
+        head=head, title="Opening Kalscope…", body=f'<p><a href="{url}">Go on to the dashboard</a></p>'
+    )
 
 
 def inline_script_hashes(page: str) -> tuple[str, ...]:
@@ -386,7 +376,7 @@ SECURITY_HEADERS = {
 """The headers, beside the content policy, of every answer that is not a websocket."""
 
 
-def dashboard_csp(script_hashes: tuple[str, ...], own_origin: str | None = None) -> str:
+def dashboard_csp(script_hashes: tuple[str, ...], own_origin: str) -> str:
     """The content policy of viser's page: its own loader runs, and nothing that a text injects.
 
     Args:
@@ -396,11 +386,10 @@ def dashboard_csp(script_hashes: tuple[str, ...], own_origin: str | None = None)
             do not count our own websocket as 'self' and want it by name.
     """
     scripts = " ".join(script_hashes)
-    socket = f" {own_origin.replace('http', 'ws', 1)}" if own_origin else ""
     return (
         f"default-src 'none'; script-src {scripts} 'strict-dynamic' 'wasm-unsafe-eval' blob:; "
         "worker-src blob:; style-src 'unsafe-inline'; img-src 'self' data: blob:; font-src 'self' data:; "
-        f"media-src data: blob:; connect-src 'self'{socket} data: blob:; {_NO_FRAMES}"
+        f"media-src data: blob:; connect-src 'self' {own_origin.replace('http', 'ws', 1)} data: blob:; {_NO_FRAMES}"
     )
 
 
@@ -442,8 +431,8 @@ class RequestFilter:
         except Exception:
             # A check that fails must neither let the request pass nor stop the server (CVE-2026-14631).
             answer = NOT_UNDERSTOOD
-        if isinstance(answer, SetCookie):
-            return _small_page(200, link_page(self._policy.home), {"Set-Cookie": answer.cookie})
+        if isinstance(answer, str):
+            return _small_page(200, link_page(self._policy.home), {"Set-Cookie": answer})
         if self.is_open:  # before that it is the self-test that is refused
             # Without the query: it may hold the token, under a wrong name or path.
             _log.info("refused %r: %s", request.path.partition("?")[0], answer.reason)
@@ -478,11 +467,9 @@ class RequestFilter:
     def harden(self, _: ServerConnection, request: Request, response: Response) -> Response:
         """The `process_response` of websockets: security headers on everything but an opened websocket."""
         if response.status_code != http.HTTPStatus.SWITCHING_PROTOCOLS:
-            hosts = request.headers.get_all("Host")
-            known = len(hosts) == 1 and host_allowed(self._policy, hosts[0])
-            csp = dashboard_csp(self._script_hashes, self._policy.origin_of(hosts[0]) if known else None)
             response.headers.update(SECURITY_HEADERS)
-            if "Content-Security-Policy" not in response.headers:
+            if "Content-Security-Policy" not in response.headers:  # the Host was allowed
+                csp = dashboard_csp(self._script_hashes, self._policy.origin_of(request.headers["Host"]))
                 response.headers["Content-Security-Policy"] = csp
         return response
 

@@ -39,12 +39,12 @@ FOREIGN = "kalscope-self-test.invalid"
 TIMEOUT_S = 30.0
 """Seconds that the server may take for one answer, even on a busy machine."""
 
-_UPGRADE = (
-    ("Upgrade", "websocket"),
-    ("Connection", "Upgrade"),
-    ("Sec-WebSocket-Version", "13"),
-    ("Sec-WebSocket-Key", "a2Fsc2NvcGUga2Fsc2NvcA=="),
-)
+_UPGRADE = {
+    "Upgrade": "websocket",
+    "Connection": "Upgrade",
+    "Sec-WebSocket-Version": "13",
+    "Sec-WebSocket-Key": "a2Fsc2NvcGUga2Fsc2NvcA==",
+}
 
 
 class GuardFailed(KalscopeError, RuntimeError):
@@ -58,43 +58,35 @@ def run_self_test(policy: Policy, address: str) -> None:
         GuardFailed: an answer is not as expected, or lacks a security header.
     """
     own, home = f"127.0.0.1:{policy.port}", policy.home
-    host, cookie = ("Host", own), ("Cookie", f"{policy.cookie_name}={policy.token}")
-    upgrade, origin = (host, *_UPGRADE), ("Origin", f"http://{own}")
-    foreign_origin = ("Origin", f"http://{FOREIGN}")
-    attempts = (
-        ("a page without the cookie (H1)", 403, home, (host,)),
-        ("a page under a foreign name (H2)", 403, home, (("Host", FOREIGN), cookie)),
-        ("a page told to connect elsewhere (H9)", 403, f"/?websocket=ws://{FOREIGN}", (host, cookie)),
-        ("a file outside the page's folder (H11)", 404, "/%2e%2e/%2e%2e/_viser.py", (host, cookie)),
-        ("the user's own page (H8)", 200, home, (host, cookie)),
-        ("a socket of no page (W1)", 403, home, (*upgrade, cookie)),
-        ("a socket of a foreign page (W3)", 403, home, (*upgrade, cookie, foreign_origin)),
-        ("a socket without the cookie (W8)", 403, home, (*upgrade, origin)),
-        ("the user's own socket, too early (W9)", 503, home, (*upgrade, cookie, origin)),
+    cookie = {"Cookie": f"{policy.cookie_name}={policy.token}"}
+    user, origin, foreign_origin = (
+        {"Host": own, **cookie},
+        {"Origin": f"http://{own}"},
+        {"Origin": f"http://{FOREIGN}"},
+    )
+    attempts: tuple[tuple[str, int, str, dict[str, str]], ...] = (
+        ("a page without the cookie (H1)", 403, home, {"Host": own}),
+        ("a page under a foreign name (H2)", 403, home, {"Host": FOREIGN, **cookie}),
+        ("a page told to connect elsewhere (H9)", 403, f"/?websocket=ws://{FOREIGN}", user),
+        ("a file outside the page's folder (H11)", 404, "/%2e%2e/%2e%2e/_viser.py", user),
+        ("the user's own page (H8)", 200, home, user),
+        ("a socket of no page (W1)", 403, home, user | _UPGRADE),
+        ("a socket of a foreign page (W3)", 403, home, user | _UPGRADE | foreign_origin),
+        ("a socket without the cookie (W8)", 403, home, {"Host": own} | _UPGRADE | origin),
+        ("the user's own socket, too early (W9)", 503, home, user | _UPGRADE | origin),
     )
     for what, expected, target, headers in attempts:
-        status, answered = _answer_to(address, policy.port, target, headers)
-        if status != expected:
-            raise GuardFailed(f"the guard's self-test failed: {what} was answered {status}, not {expected}")
+        try:
+            with contextlib.closing(http.client.HTTPConnection(address, policy.port, timeout=TIMEOUT_S)) as server:
+                server.request("GET", target, headers=headers)
+                answer = server.getresponse()
+        except (OSError, http.client.HTTPException) as error:
+            raise GuardFailed(f"the guard's self-test got no answer: {error!r}") from error
+        if answer.status != expected:
+            raise GuardFailed(f"the guard's self-test failed: {what} was answered {answer.status}, not {expected}")
         for name in ("Content-Security-Policy", *pages.SECURITY_HEADERS):
-            if name not in answered:
+            if name not in answer.headers:
                 raise GuardFailed(f"the guard's self-test failed: {what} was answered without {name}")
-
-
-def _answer_to(
-    address: str, port: int, target: str, headers: tuple[tuple[str, str], ...]
-) -> tuple[int, http.client.HTTPMessage]:
-    try:
-        with contextlib.closing(http.client.HTTPConnection(address, port, timeout=TIMEOUT_S)) as connection:
-            connection.putrequest("GET", target, skip_host=True, skip_accept_encoding=True)
-            for name, value in headers:
-                connection.putheader(name, value)
-            connection.endheaders()
-            answer = connection.getresponse()
-            answer.read()
-            return answer.status, answer.headers
-    except (OSError, http.client.HTTPException) as error:
-        raise GuardFailed(f"the guard's self-test got no answer: {error!r}") from error
 
 
 # A viser server that answers only to the holder of the printed link.
@@ -204,16 +196,12 @@ def guarded_server(
 
 def _listen(host: str, port: int) -> socket.socket:
     """Take the port before viser exists: viser waits forever on a bad host and skips a busy port."""
-    if not 0 <= port <= 65535:
-        raise BadSetting(f"the port must be 0 to 65535 (got {port})")
-    if not host:
-        raise BadSetting("the host must be a name or an address of this machine (got nothing)")
     try:
         found = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)
         # IPv4 first: every browser finds 127.0.0.1.
         family, *_, where = min(found, key=lambda info: info[0] != socket.AF_INET)
         return socket.create_server(where, family=family)  # pyright: ignore[reportArgumentType]
-    except (OSError, ValueError) as error:  # ValueError: a name with a zero byte, or too long for IDNA
+    except (OSError, ValueError, OverflowError) as error:  # a name with a zero byte or too long, an odd port
         reason = (error.strerror if isinstance(error, OSError) else None) or str(error)
         reason = reason.partition(" (while")[0]  # what follows repeats the address
         raise BadSetting(

@@ -10,7 +10,6 @@ import os
 import re
 import sys
 import threading
-import time
 from collections.abc import Callable, Generator
 from concurrent.futures import Executor
 from contextlib import contextmanager
@@ -28,9 +27,6 @@ from kalscope.errors import BadSetting
 
 _log = logging.getLogger(__name__)
 
-REPEAT_S = 10.0
-"""Seconds for which the same notification is not shown again."""
-
 _DISCONNECTED = (ConnectionClosed, ConnectionError, asyncio.CancelledError)
 """Raised when a browser disconnects in the middle of something; not a bug."""
 
@@ -41,28 +37,22 @@ class ErrorReporter:
     def __init__(self) -> None:
         self.notify: Callable[[Exception], object] | None = None
         """How the user is told; None: not yet."""
-        self._shown: dict[str, float] = {}
         self.is_ending = False
         """True during shutdown: errors are logged, not shown."""
 
     def report(self, where: str, error: BaseException | None) -> None:
-        """Log the error, and notify the user unless the same notification was just shown."""
+        """Log the error, and notify the user."""
         if error is None or isinstance(error, SystemExit):
             return
         if self.is_ending or isinstance(error, _DISCONNECTED):
             _log.info("%s: %r", where, error)
             return
         _log.error("%s: %s: %s", where, type(error).__name__, error, exc_info=error)
-        if self.notify is not None and isinstance(error, Exception) and self._is_new(sentence_for(error, None)):
+        if self.notify is not None and isinstance(error, Exception):
             try:
                 self.notify(error)
             except Exception:  # the notification itself may fail
                 _log.exception("The user could not be notified")
-
-    def _is_new(self, sentence: str) -> bool:
-        now, shown = time.monotonic(), self._shown
-        self._shown = {text: at for text, at in shown.items() if now - at < REPEAT_S} | {sentence: now}
-        return now - shown.get(sentence, -REPEAT_S) >= REPEAT_S
 
     def watch_server(self, loop: asyncio.AbstractEventLoop, callbacks: Executor) -> None:
         """Report what is raised in tasks of the event loop and in callbacks, which viser would only print."""

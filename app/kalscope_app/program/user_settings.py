@@ -1,4 +1,4 @@
-"""What is kept between starts, and the folders for it on each system. No viser here."""
+"""What is kept between starts, and the folder for it on each system. No viser here."""
 
 from __future__ import annotations
 
@@ -15,21 +15,12 @@ from kalscope.tuning.file import dumps, load_tuning
 from kalscope.tuning.tuning import Tuning
 
 FOLDER_VARIABLE = "KALSCOPE_CONFIG_DIR"
-"""Environment variable that names one folder for settings and state, in place of the system's."""
-
-
-def config_folder() -> Path:
-    """The folder for settings; OSError without a home folder."""
-    return _folder(platformdirs.user_config_dir("kalscope", appauthor=False, roaming=True))
+"""Environment variable that names the folder, in place of the system's."""
 
 
 def state_folder() -> Path:
     """The folder for what must survive a restart, such as the link's token; OSError without a home folder."""
-    return _folder(platformdirs.user_state_dir("kalscope", appauthor=False))
-
-
-def _folder(default: str) -> Path:
-    named = os.environ.get(FOLDER_VARIABLE)
+    named, default = os.environ.get(FOLDER_VARIABLE), platformdirs.user_state_dir("kalscope", appauthor=False)
     if not named and not os.path.isabs(default):  # "~" could not be resolved
         raise OSError("this account has no home folder")
     return Path(named or default)
@@ -45,7 +36,7 @@ class UserSettings:
     def has(self, name: str) -> bool:
         """Whether it is kept; False where the folder cannot be read."""
         with suppress(OSError):
-            return ((self._folder or config_folder()) / name).is_file()
+            return ((self._folder or state_folder()) / name).is_file()
         return False
 
     def keep(self, **values: bool) -> None:
@@ -54,8 +45,8 @@ class UserSettings:
         Raises:
             OSError: the folder cannot be written.
         """
-        folder = self._folder or config_folder()
-        folder.mkdir(parents=True, exist_ok=True)
+        folder = self._folder or state_folder()
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         for name, value in values.items():
             if value:
                 (folder / name).touch()

@@ -94,11 +94,13 @@ def test_all_networks_with_a_name():
         assert status_of(get(running.port, f"/?token={TOKEN}", "other.local")) == 403
 
 
-def test_stop_frees_the_port_even_with_a_client_connected():
+@pytest.mark.parametrize("hold", [False, True])
+def test_stop_frees_the_port_even_with_a_client_that_is_connected_or_waits(hold):
     before = threads_of_viser()
-    running = guarded_server(port=0, token=TOKEN)
+    running = guarded_server(port=0, token=TOKEN, hold=hold, share=True)  # no argument opens the public tunnel
     with client(running.port) as connected:
-        connected.recv(timeout=PATIENCE)
+        if not hold:
+            connected.recv(timeout=PATIENCE)
         assert threads_of_viser() > before
         running.stop()
         running.stop()
@@ -117,21 +119,6 @@ def test_a_page_loads_while_its_connection_waits_for_the_screen():
             assert running.server.get_clients() == {}
             running.let_in()
             waiting.recv(timeout=PATIENCE)
-
-
-def test_a_server_stops_while_a_connection_waits():
-    before = threads_of_viser()
-    running = guarded_server(port=0, token=TOKEN, hold=True)
-    with client(running.port):
-        running.stop()
-    assert threads_of_viser() <= before
-
-
-def test_no_argument_opens_the_public_tunnel(monkeypatch):
-    tunnels = []
-    monkeypatch.setattr("viser._viser.ViserTunnel", lambda *args: tunnels.append(args))
-    guarded_server(port=0, share=True).stop()
-    assert tunnels == []
 
 
 @pytest.mark.skipif(not socket.has_ipv6, reason="this machine has no IPv6")

@@ -45,7 +45,8 @@ class Desk:
         source = LiveSource(board.port)
         self.connection = BoardConnection(Jobs(self.tell))
         self.connection.adopt(source)
-        self.session = Session(opened_live(source, "board"), self.connection)
+        self.state = opened_live(source, "board")
+        self.session = Session(self.state, self.connection)
         self.view = CalibrationView(self.widgets, self.session, self.tell, self.connection)
         self.connection.start()
         self._end = threading.Event()
@@ -61,16 +62,6 @@ class Desk:
             self.state, _, failures = self.session.apply_requests()
             self.told.extend(failures)
             self.view.show(SimpleNamespace(state=self.state))
-
-    @property
-    def state(self):
-        return self._state
-
-    @state.setter
-    def state(self, state):
-        self._state = state
-
-    _state = opened_live(MagicMock(), "none")
 
     def shown(self, label):
         return self.widgets.made[label].visible

@@ -18,7 +18,6 @@ from waiting import PATIENCE
 from kalscope.errors import BadSetting
 from kalscope_app.guard.server import guarded_server
 from kalscope_app.guard.viser_private import callback_errors_to
-from kalscope_app.program import log
 from kalscope_app.program import log as log_file
 from kalscope_app.program.log import ErrorReporter, logging_to, sentence_for
 
@@ -33,21 +32,14 @@ def fail(message="it broke"):
         OURS.exception("A part failed")
 
 
-def test_the_terminal_has_warnings_of_ours_in_one_line_each(capsys):
-    with logging_to():
-        OURS.info("quiet")
-        OURS.warning("look here")
-        FOREIGN.error("a port scan")
-        fail()
-    assert capsys.readouterr().err == "kalscope: look here\nkalscope: A part failed\n"
-
-
-def test_the_file_has_everything_and_is_private(tmp_path):
+def test_the_terminal_has_our_warnings_in_one_line_each_and_the_private_file_has_everything(capsys, tmp_path):
     file = tmp_path / "kalscope.log"
     with logging_to(file):
         OURS.info("refused")
+        OURS.warning("look here")
         FOREIGN.error("handshake failed")
         fail()
+    assert capsys.readouterr().err == "kalscope: look here\nkalscope: A part failed\n"
     text = file.read_text()
     for piece in ("INFO kalscope_app.some_part: refused", "ERROR websockets.server: handshake failed", "Traceback"):
         assert piece in text
@@ -136,14 +128,3 @@ def test_a_callback_of_the_scene_that_raises_is_told(heard, capfd):
         assert "in the scene" in told.get(timeout=PATIENCE)
     assert _scene_api.print_awaited_callback_error is stock
     assert "in the scene" not in capfd.readouterr().err
-
-
-def test_the_same_sentence_is_not_said_twice_in_a_row(heard, caplog, monkeypatch):
-    errors, told = heard
-    for _ in range(5):
-        errors.report("reader", ValueError("again"))
-    assert told.qsize() == 1
-    assert caplog.text.count("ValueError: again") >= 5  # each with its traceback
-    monkeypatch.setattr(log, "REPEAT_S", 0.0)
-    errors.report("reader", ValueError("again"))
-    assert told.qsize() == 2

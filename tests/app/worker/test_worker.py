@@ -77,28 +77,18 @@ def test_the_errors_of_a_task_come_back_as_they_are(worker):
     assert raised.value.filename == "nowhere"
 
 
-def test_cancel_ends_what_nothing_else_can_and_leaves_no_file(worker, tmp_path):
+@posix
+def test_cancel_ends_what_nothing_else_can_with_all_it_started_and_leaves_no_file(worker, tmp_path):
     before, folder = worker.run(os.getpid, ""), Path(worker.run(tempfile.mkdtemp, "")).parent
-    begun = tmp_path / "begun"
+    begun, pid = tmp_path / "begun", tmp_path / "pid"
+    start = (
+        f"import subprocess; p = subprocess.Popen(['sleep', '600']); open({str(pid)!r}, 'w').write(str(p.pid))\n"
+    )
     with pytest.raises(Cancelled):
-        worker.run(partial(exec, BUSY.format(str(begun))), "log.csv", None, begun.exists)
+        worker.run(partial(exec, start + BUSY.format(str(begun))), "log.csv", None, begun.exists)
     assert not is_running(before)
     assert not folder.exists()
     assert worker.run(os.getpid, "") not in (before, os.getpid())
-
-
-@posix
-def test_cancel_ends_the_process_that_a_reader_has_started_as_well(worker, tmp_path):
-    begun, pid = tmp_path / "begun", tmp_path / "pid"
-    code = f"""
-import pathlib, subprocess
-process = subprocess.Popen(["sleep", "600"])
-pathlib.Path({str(pid)!r}).write_text(str(process.pid))
-pathlib.Path({str(begun)!r}).touch()
-process.wait()
-"""
-    with pytest.raises(Cancelled):
-        worker.run(partial(exec, code), "log.ods", None, begun.exists)
     wait_until(lambda: not is_running(int(pid.read_text())), "the end of the process that was started")
 
 
