@@ -196,12 +196,14 @@ def guarded_server(
 
 def _listen(host: str, port: int) -> socket.socket:
     """Take the port before viser exists: viser waits forever on a bad host and skips a busy port."""
+    if not 0 <= port <= 65535:  # the system would take another
+        raise BadSetting(f"the port must be 0 to 65535 (got {port})")
     try:
         found = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)
         # IPv4 first: every browser finds 127.0.0.1.
         family, *_, where = min(found, key=lambda info: info[0] != socket.AF_INET)
         return socket.create_server(where, family=family)  # pyright: ignore[reportArgumentType]
-    except (OSError, ValueError, OverflowError) as error:  # a name with a zero byte or too long, an odd port
+    except (OSError, ValueError) as error:  # a name with a zero byte, or too long
         reason = (error.strerror if isinstance(error, OSError) else None) or str(error)
         reason = reason.partition(" (while")[0]  # what follows repeats the address
         raise BadSetting(

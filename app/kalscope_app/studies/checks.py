@@ -18,7 +18,7 @@ from kalscope.estimation.fit import estimate
 from kalscope.estimation.methods import METHODS
 from kalscope.estimation.settings import momentum_gain
 from kalscope.estimation.still import find_still_stretch
-from kalscope.estimation.two_speeds import TwoSpeeds, fit_two_speeds
+from kalscope.estimation.two_speeds import TwoSpeeds, fit_two_speeds, is_searched
 from kalscope.export.board import BoardCheck, check_board
 from kalscope.filtering.params import FilterParams
 from kalscope_app.engine.filter_runs import Cache
@@ -43,7 +43,7 @@ def still_stretch(state: State, kept: Cache[Stretch]) -> Stretch:
 def two_speeds_in(state: State, kept: Cache[TwoSpeeds | None]) -> TwoSpeeds | None:
     """What two speeds would bring to the channel on screen; None of a live record, and where there is no noise."""
     first = None if state.live is not None or state.first is None else state.first.after
-    if first is None or not (first.q > 0.0 and first.r > 0.0):
+    if first is None or not is_searched(first.q, first.r):
         return None
     steps, scope = (
         np.empty(0) if state.dt is None else state.dt,

@@ -51,7 +51,7 @@ from kalscope.estimation.request import FitResult, Noise, Request, cost_text, fi
 from kalscope.estimation.result import Estimate
 from kalscope.estimation.settings import momentum_gain
 from kalscope.estimation.still import find_still_stretch
-from kalscope.estimation.two_speeds import fit_two_speeds
+from kalscope.estimation.two_speeds import fit_two_speeds, is_searched
 from kalscope.filtering.params import FilterParams, scalar
 from kalscope.filtering.steady import SteadyState, steady_state
 from kalscope.recording import Recording
@@ -191,7 +191,8 @@ def answer_for(
         best = estimate(z, dt=dt, robust=request.robust)
         gain = momentum_gain(z, dt, result.params, best)
         judgement = with_momentum(judgement, float(best.momentum), gain)
-    if result.params.fast is None and judgement.tone != "good" and not request.goal:
+    one = result.params
+    if one.fast is None and judgement.tone != "good" and not request.goal and is_searched(one.q, float(one.r)):
         judgement = with_two_speeds(judgement, fit_two_speeds(z, np.empty(0) if dt is None else dt, result.params))
     return Answer(recording, (channel,), unit, request, result, allowed, judgement)
 

@@ -23,6 +23,9 @@ from kalscope.filtering.params import FilterParams, one_record
 SEARCHED = 8_000
 """Samples in the middle of a record that are enough for the search; the evidence is that of all."""
 
+MIN_R = 1e-200
+"""Least variance to begin with, unit²; the largest is 1/MIN_R."""
+
 _LEAST = np.log([1e-5, 1e-6, 1e-4, 1e-5])
 _MOST = np.log([1e2, 1e6, 0.1, 1e3])
 """Limits of what is searched: ln(q/r), ln(r over that of one speed), ln(spikes), ln(fast q/r). The least share of
@@ -67,6 +70,11 @@ class TwoSpeeds:
         )
 
 
+def is_searched(q: float, r: float) -> bool:
+    """Whether two speeds are searched from these variances: both above 0, and far from what a float can hold."""
+    return q > 0.0 and r > 0.0 and min(q, r) > MIN_R and max(q, r) < 1.0 / MIN_R
+
+
 def fit_two_speeds(z: Array, steps: Array, one: FilterParams) -> TwoSpeeds:
     """Search two speeds over checked samples z, shape (n,), from the fit `one`; `steps` empty = regular."""
     first, rows = max(0, (len(z) - SEARCHED) // 2), z.reshape(-1, 1)
@@ -101,7 +109,7 @@ def fit_two_speeds(z: Array, steps: Array, one: FilterParams) -> TwoSpeeds:
     two, single = (_run(rows, steps, params_at(np.array(end[1]))) for end in (best, alone))
     before, after = (np.abs(run.innovation[np.isfinite(run.innovation)]) for run in (single, two))
     better, size = before - after, float(before.mean()) if len(before) else 0.0
-    spread = float(better.std()) / math.sqrt(max(len(better), 1))
+    spread = float(better.std()) / math.sqrt(len(better)) if len(better) else 0.0
     return TwoSpeeds(
         params_at(np.array(best[1])),
         float(two.loglik),
@@ -118,7 +126,7 @@ def with_two_speeds(one: Estimate, z: ArrayLike, dt: ArrayLike | None) -> Estima
     Its intervals are open: they are not found for two speeds.
     """
     samples, steps = one_record(z, dt)
-    if one.q <= 0.0 or one.r <= 0.0:
+    if not is_searched(one.q, one.r):
         return one
     found = fit_two_speeds(samples, steps, FilterParams(one.q, one.r))
     if not found.is_clear(one.loglik if one.momentum and one.outliers is None else -math.inf):
