@@ -53,8 +53,6 @@ class Figures:
     """Resident memory when the first sample had come, MB."""
     rss_mb_end: float
     """The same at the end."""
-    longest_pause_ms: float
-    """Longest time for which bytes waited for the reader, at most, ms."""
     longest_gap_ms: float
     """Longest time between two reads of this stream, which never pauses, ms; the board's own delays are in it."""
     latency_median_ms: float
@@ -141,7 +139,6 @@ def measure(seconds: float, rate: float, channels: int, prefix: str = "") -> Fig
         cpu_percent=100.0 * cpu / seconds,
         rss_mb_start=rss,
         rss_mb_end=_rss(),
-        longest_pause_ms=1000.0 * status.max_read_latency,
         longest_gap_ms=1000.0 * max(gaps, default=0.0),
         latency_median_ms=1000.0 * float(np.median(latencies)),
         latency_p95_ms=1000.0 * float(np.percentile(latencies, 95)),

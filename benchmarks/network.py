@@ -43,8 +43,6 @@ class Figures:
     """Samples that arrived, right and in order."""
     dropped: int
     """Lines that were counted as dropped."""
-    longest_pause_ms: float
-    """Longest time for which bytes waited for the reader, at most."""
 
 
 def send(tcp: int, udp: int, mqtt: int, lines: int, rate: float) -> None:
@@ -82,7 +80,7 @@ def figures(name: str, live: LiveSource, lines: int) -> Figures:
     status, rows = live.status(), rows_of(live)
     numbers = np.arange(len(rows))
     right = int(np.sum((rows[:, 0] == numbers) & (rows[:, 1] == -numbers))) if len(rows) <= lines else 0
-    return Figures(name, lines, right, status.dropped, 1e3 * status.max_read_latency)
+    return Figures(name, lines, right, status.dropped)
 
 
 def measure(seconds: float, rate: float) -> list[Figures]:
@@ -123,10 +121,7 @@ def main() -> int:
         print(json.dumps([asdict(one) for one in found]))
     else:
         for one in found:
-            print(
-                f"{one.transport:5} {one.right} of {one.sent} lines right, {one.dropped} dropped,"
-                f" bytes waited for at most {one.longest_pause_ms:.0f} ms"
-            )
+            print(f"{one.transport:5} {one.right} of {one.sent} lines right, {one.dropped} dropped")
     return int(any(one.right != one.sent for one in found))
 
 

@@ -7,7 +7,6 @@ import threading
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from kalscope.common.files import check_inside
 from kalscope.common.progress import Progress
@@ -16,17 +15,13 @@ from kalscope.errors import BadDevice, BadFile, BadSetting, Cancelled, KalscopeE
 from kalscope.export.board import BoardAnswer, FixedFilter, board_filter, commands, measure, values_in_use
 from kalscope.export.float32 import float32_params, float32_tuning, runs_kalman
 from kalscope.sources.live.samples import Snapshot
-from kalscope.sources.live.source import LiveSource, RecordingStatus
+from kalscope.sources.live.source import LiveSource
 from kalscope.sources.port.registry import PortSpec, port_of
-from kalscope.sources.recorder import RecorderCounts, first_free
+from kalscope.sources.recorder import Recorder, RecorderCounts, first_free
 from kalscope_app.engine.jobs import Jobs
 from kalscope_app.session.live_changes import opened_live
 from kalscope_app.session.session import Failed, Session
 from kalscope_app.session.state import BoardCalibration, ConnectionState, Sent, State
-
-if TYPE_CHECKING:
-    from kalscope.sources.recorder import Recorder
-
 
 # The connection of the live board, which the State names by its source.
 
@@ -166,8 +161,8 @@ class BoardRecording:
         """Name of a file that does not exist yet."""
         self.last: Path | None = None
         """The file that was recorded last."""
-        self.on_change: Callable[[RecordingStatus | None], None] = lambda _status: None
-        """Called with the status of the recording that runs, or with None when it has ended or `name` changed."""
+        self.on_change: Callable[[Recorder | None], None] = lambda _recorder: None
+        """Called with the recorder that runs, or with None when it has ended or `name` changed."""
 
     def start(self, name: str) -> None:
         """Record to a new file.

@@ -10,7 +10,7 @@ from kalscope.sources.port.serial_port import PortInfo
 
 PORTS = (
     PortInfo("/dev/ttyS0", "", ""),
-    PortInfo("/dev/ttyACM0", "Arduino\nUno\x1b[2J", "7533", "Arduino", (0x2341, 0x43)),
+    PortInfo("/dev/ttyACM0", "Arduino\nUno\x1b[2J", "7533", (0x2341, 0x43)),
 )
 
 

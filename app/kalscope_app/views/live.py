@@ -8,9 +8,10 @@ from functools import partial
 import viser
 
 from kalscope.common.text import count, duration, number
-from kalscope.sources.live.source import LiveStatus, RecordingStatus
+from kalscope.sources.live.source import LiveStatus
 from kalscope.sources.port.registry import PortSpec, named_transport
 from kalscope.sources.port.serial_port import list_ports
+from kalscope.sources.recorder import Recorder
 from kalscope_app.engine.frame import Frame
 from kalscope_app.engine.jobs import Jobs
 from kalscope_app.live import BoardConnection, BoardRecording, account, port_named
@@ -48,10 +49,10 @@ class RecordingView:
         on_user(self._open.on_click, lambda _client: open_spec(str(recording.last), Failed.OPEN))
         recording.on_change = self._on_change
 
-    def _on_change(self, status: RecordingStatus | None) -> None:
+    def _on_change(self, recorder: Recorder | None) -> None:
         """Show a recording whatever is on screen: the engine draws nothing while a file is."""
-        self._text.content = recording_text(status)
-        if status is None:
+        self._text.content = recording_text(recorder)
+        if recorder is None:
             self._name.value = self._board_recording.name
 
     def show(self, connection: ConnectionState, source: str) -> None:
@@ -63,13 +64,13 @@ class RecordingView:
         self._open.visible = last is not None and not connection.recording and str(last) != source
 
 
-def recording_text(recording: RecordingStatus | None) -> str:
+def recording_text(recorder: Recorder | None) -> str:
     """The status of the recording, as markdown; the name of the file is escaped."""
-    if recording is None:
+    if recorder is None:
         return ""
-    lines = [f"recording to **{escape_markdown(recording.name)}**", account(recording.counts)]
-    if recording.error:
-        lines.append(f"**{escape_markdown(recording.error, 200)}**")
+    lines = [f"recording to **{escape_markdown(recorder.paths[-1].name)}**", account(recorder.counts)]
+    if recorder.error:
+        lines.append(f"**{escape_markdown(recorder.error, 200)}**")
     return "\n".join(f"- {line}" for line in lines)
 
 
@@ -231,17 +232,13 @@ def port_to_show(shown: str, before: tuple[str, ...], now: tuple[str, ...], *, k
 def status_text(status: LiveStatus) -> str:
     """The state of the connection, as markdown; what the board or the system sent is escaped."""
     lines = [f"**{escape_markdown(status.word, 200)}**: {escape_markdown(status.port, 200)}"]
-    spread = "" if status.jitter is None else f" ± {duration(status.jitter)}"
     if status.hint:
         lines.append(escape_markdown(status.hint, 300))
     lines += [
         f"{number(status.lines_per_s)} lines/s",
-        *([f"one sample every {duration(status.period)}{spread}"] if status.period else []),
+        *([f"one sample every {duration(status.period)}"] if status.period else []),
         f"{count(status.received)} lines = {count(status.accepted)} read + {count(status.rejected)} rejected"
         f" + {count(status.dropped)} dropped",
         f"reconnects: {count(status.reconnects)}",
-        f"max. read latency: {duration(status.max_read_latency)}",
     ]
-    if status.left_memory:
-        lines.append(f"{count(status.left_memory)} older samples have left memory")
     return "\n".join(f"- {line}" for line in lines)

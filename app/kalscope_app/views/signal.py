@@ -349,12 +349,11 @@ def heading_of(frame: Frame) -> str:
     if frame.status is not None:
         parts.append(f"**{escape_markdown(frame.status.word, 120)}**")
         parts += [escape_markdown(frame.status.hint, 160)] if frame.status.hint else []
-        recording = frame.status.recording
-        if recording is not None:
-            parts.append(
-                f"recording to **{escape_markdown(recording.name)}**: {count(recording.counts.written)} lines"
-            )
-            parts += [f"**{escape_markdown(recording.error, 160)}**"] if recording.error else []
+        recorder = frame.status.recording
+        if recorder is not None:
+            name = escape_markdown(recorder.paths[-1].name)
+            parts.append(f"recording to **{name}**: {count(recorder.counts.written)} lines")
+            parts += [f"**{escape_markdown(recorder.error, 160)}**"] if recorder.error else []
     return " · ".join(parts)
 
 

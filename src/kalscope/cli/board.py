@@ -171,7 +171,7 @@ def _wait_for_end(
     while not stop.is_set():
         status = live.status()
         view.update(status, recorder)
-        if status.word == "closed" or (status.word != "connected" and not live.reconnect):
+        if status.word == "closed":
             return status.hint or "it disconnected"
         if time.monotonic() >= end or (lines is not None and recorder.counts.written >= lines):
             break

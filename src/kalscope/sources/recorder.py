@@ -11,7 +11,6 @@ changes a row.
 
 from __future__ import annotations
 
-import errno
 import math
 import os
 import threading
@@ -19,6 +18,7 @@ from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from itertools import chain
 from itertools import count as numbers
 from pathlib import Path
 
@@ -42,10 +42,8 @@ def rejects_path(path: Path) -> Path:
 
 def first_free(path: Path) -> Path:
     """`path`, or a similar name if a recording has it."""
-    if not _is_taken(path):
-        return path
-    names = (path.with_name(f"{path.stem}_{n}{path.suffix}") for n in numbers(2))
-    return next(name for name in names if not _is_taken(name))
+    others = (path.with_name(f"{path.stem}_{n}{path.suffix}") for n in numbers(2))
+    return next(name for name in chain([path], others) if not _is_taken(name))
 
 
 def _is_taken(path: Path) -> bool:
@@ -60,8 +58,6 @@ def check_free(path: Path) -> None:
     """
     if not path.name or path.is_dir():
         raise BadFile(f"a recording must be a file (got {str(path)!r})")
-    if path.suffix.lower() == ".rejects":
-        raise BadFile(f"a recording must not end in .rejects (got {path.name!r})")
     if _is_taken(path):
         raise BadFile(f"{path.name!r} exists already: choose another name, such as {first_free(path).name!r}")
 
@@ -156,7 +152,6 @@ def _number(value: float) -> str:
 def _cell(name: str, unit: str) -> str:
     """`name [unit]`; `name []` where our reader would take a bare name for something else."""
     unit = one_line(unit.replace("[", " ").replace("]", " "))[:_MAX_UNIT_LENGTH]
-    name = name[: _MAX_CELL_LENGTH - len(unit) - 3].rstrip()
     if unit:
         return f"{name} [{unit}]"
     plain = named_column(name) == Column(name) and only_text((name,), ".")
@@ -180,7 +175,6 @@ SYNC_EVERY_S = 1.0
 RETRY_S = 1.0
 """Pause between two attempts to write to a disk that refuses, s."""
 
-_FULL = (errno.ENOSPC, errno.EFBIG, getattr(errno, "EDQUOT", errno.ENOSPC))
 _fdatasync = getattr(os, "fdatasync", os.fsync)
 
 
@@ -192,7 +186,7 @@ class AppendFile:
         self.path, self._head = path, head
         self.error = ""
         """What keeps lines from reaching the file; "" while they do."""
-        self._damage = self._sync_error = ""
+        self._damage = ""
         self.lines = 0
         """Lines of the board that are in the file."""
         self.lost: int = 0
@@ -207,7 +201,7 @@ class AppendFile:
     @property
     def problem(self) -> str:
         """What is wrong with the file; "" for nothing."""
-        return self.error or self._damage or self._sync_error
+        return self.error or self._damage
 
     def create(self) -> int:
         """Create the file; its descriptor.
@@ -241,17 +235,15 @@ class AppendFile:
         if self.error and now < self._retry_at and not at_once:
             self.lost += lines
             return
-        kind = self.error.partition(" (")[0]
-        gap = f"# gap {kind} {now - since:.3f} s ({self.lost - lost} lines dropped)\n" if kind else ""
+        gap = f"# gap disk {now - since:.3f} s ({self.lost - lost} lines dropped)\n" if self.error else ""
         try:
             if text := self._notes + gap + texts:
                 self._write((self._head + text).encode("utf-8", "backslashreplace"))
                 self._head = self._notes = self.error = ""
             self.lines += lines
         except OSError as error:
-            kind = "disk full" if error.errno in _FULL else "write error"
             self._failed = self._failed if self.error else (now, self.lost)
-            self.error = f"{kind} ({error.strerror}): lines for {self.path.name} are lost"
+            self.error = f"the disk refuses ({error.strerror}): lines for {self.path.name} are lost"
             self.lost += lines
             self._retry_at = now + RETRY_S
 
@@ -287,9 +279,8 @@ class AppendFile:
             if self._fd is not None:
                 try:
                     _fdatasync(self._fd)
-                    self._sync_error = ""
-                except OSError as error:
-                    self._sync_error = f"the disk did not confirm what was written ({error.strerror})"
+                except OSError as error:  # which Linux reports once, even where the data are lost
+                    self._damage = f"the disk did not confirm what was written ({error.strerror})"
 
     def close(self) -> None:
         """Close the file once the disk has it. Safe to call twice."""

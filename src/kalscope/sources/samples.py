@@ -21,8 +21,6 @@ class Sample:
     """What follows "sample:"."""
     title: str
     """Heading of its note."""
-    summary: str
-    """First line of its note below the heading."""
     made: str
     """"re-creation" of an experiment, "simulated", or "" where its numbers were published."""
 
@@ -44,12 +42,9 @@ def list_samples() -> list[Sample]:
 
 def _describe(path: Path) -> Sample:
     note = path.with_suffix(".md")
-    lines = note.read_text(encoding="utf-8").splitlines() if note.is_file() else []
-    said = [line.strip() for line in lines if line.strip()]
-    title = said[0].lstrip("# ") if said else path.stem
-    text = " ".join(said)
+    text = note.read_text(encoding="utf-8").strip() if note.is_file() else path.stem
     made = "re-creation" if "**re-creation" in text else "simulated" if "make.py" in text else ""
-    return Sample(path.stem, title, said[1] if len(said) > 1 else "", made)
+    return Sample(path.stem, text.partition("\n")[0].lstrip("# ").rstrip(), made)
 
 
 def open_sample(name: str, sample_period: float | None = None) -> Recording:

@@ -69,13 +69,9 @@ class SignalSettings:
         for name, choices in (("shape", SHAPES), ("noise", NOISES)):
             if getattr(self, name) not in choices:
                 raise BadSetting(f"{name} must be one of {', '.join(choices)} (got {getattr(self, name)!r})")
-        for name, low, high in _RANGES:
-            value: Any = getattr(self, name)
-            several = name in _SEVERAL
-            if several and type(value) not in (tuple, type(None)):
-                raise BadSetting(f"{name} must be several numbers (got {value!r})")
-            for one in (value or ()) if several else (value,):
-                _check(name, one, low, high)
+        for low, high, names in _RANGES:
+            for name in names:
+                _check(name, getattr(self, name), low, high)
         if self.limits is not None and not (len(self.limits) == 2 and self.limits[0] < self.limits[1]):
             raise BadSetting(f"limits must be two numbers, lowest and highest (got {self.limits!r})")
         if not 1 <= self.columns <= MAX_CHANNELS:
@@ -108,24 +104,15 @@ class SignalSettings:
 MAX_SETTING = 1e50
 """Bound of all settings in u and s, and 1/MAX_SETTING of all times: products of a few of them stay finite."""
 
-# (setting, lowest, highest); whole numbers are bounded by whole numbers
+# (lowest, highest, settings); whole numbers are bounded by whole numbers
 _RANGES = (
-    ("n", 1, MAX_SAMPLES),
-    ("channels", 1, MAX_CHANNELS),
-    ("seed", 0, 2**63 - 1),
-    ("sample_period", 1 / MAX_SETTING, MAX_SETTING),
-    ("amplitude", -MAX_SETTING, MAX_SETTING),
-    ("level", -MAX_SETTING, MAX_SETTING),
-    ("period", 1 / MAX_SETTING, MAX_SETTING),
-    ("sigma", 0.0, MAX_SETTING),
-    ("outliers", 0.0, 1.0),
-    ("outlier_size", 0.0, MAX_SETTING),
-    ("quantum", 0.0, MAX_SETTING),
-    ("drop_outs", 0.0, 1.0),
-    ("limits", -MAX_SETTING, MAX_SETTING),
-    ("sigmas", 0.0, MAX_SETTING),
-    ("offsets", -MAX_SETTING, MAX_SETTING),
-    ("every", 1, MAX_SAMPLES),
+    (1, MAX_SAMPLES, ("n", "every")),
+    (1, MAX_CHANNELS, ("channels",)),
+    (0, 2**63 - 1, ("seed",)),
+    (1 / MAX_SETTING, MAX_SETTING, ("sample_period", "period")),
+    (-MAX_SETTING, MAX_SETTING, ("amplitude", "level", "limits", "offsets")),
+    (0.0, MAX_SETTING, ("sigma", "sigmas", "outlier_size", "quantum")),
+    (0.0, 1.0, ("outliers", "drop_outs")),
 )
 _SEVERAL = frozenset(("limits", "sigmas", "offsets", "every"))
 """Settings of several numbers; None = not given."""
@@ -179,44 +166,37 @@ def _names(settings: SignalSettings) -> tuple[str, ...]:
 
 def _signal(settings: SignalSettings, time: Array, channel: int, rng: np.random.Generator) -> Array:
     """Noise-free channel, shape (n,)."""
-    height = settings.amplitude
-    cycles = time / settings.period
-    if settings.shape in _PERIODIC:
-        wave = _PERIODIC[settings.shape](cycles, channel / settings.channels)
-        return settings.level + height * wave
-    height = height * (1 + channel / 2)
-    if settings.shape == "step":
-        return np.where(cycles >= 1, settings.level + height, float(settings.level))
-    if settings.shape == "ramp":
-        return settings.level + height * cycles
-    if settings.shape == "random_walk":
+    shape, height, cycles = settings.shape, settings.amplitude, time / settings.period
+    if shape in _PERIODIC:
+        return settings.level + height * _PERIODIC[shape](cycles, channel / settings.channels)
+    if shape == "constant":
+        return settings.level + height * np.full(len(time), channel / 2)
+    if shape == "random_walk":
         # Starts at the level; after one period the walk has the standard deviation `height`.
         steps = rng.standard_normal(len(time)) * math.sqrt(settings.sample_period / settings.period)
         steps[0] = 0.0
-        return settings.level + height * np.cumsum(steps)
-    return np.full(len(time), float(settings.level + settings.amplitude * channel / 2))
+        cycles = np.cumsum(steps)
+    elif shape == "step":
+        cycles = np.where(cycles >= 1, 1.0, 0.0)
+    return settings.level + height * (1 + channel / 2) * cycles
 
 
 def _sine(cycles: Array, lag: float) -> Array:
     return np.sin(2 * np.pi * (np.mod(cycles, 1.0) - lag))
 
 
-def _triangle(cycles: Array, lag: float) -> Array:
-    return 1.0 - 4.0 * np.abs(np.mod(cycles - lag, 1.0) - 0.5)
-
-
-def _chirp(cycles: Array, lag: float) -> Array:
-    # Frequency rises linearly from 1/period to 10/period over the record; the phase is its integral.
-    return _sine(cycles + 4.5 * cycles * (cycles / (cycles[-1] or 1.0)), lag)
-
-
-_PERIODIC: dict[str, Callable[[Array, float], Array]] = {"sine": _sine, "triangle": _triangle, "chirp": _chirp}
+_PERIODIC: dict[str, Callable[[Array, float], Array]] = {
+    "sine": _sine,
+    "triangle": lambda cycles, lag: 1.0 - 4.0 * np.abs(np.mod(cycles - lag, 1.0) - 0.5),
+    # Its frequency rises linearly from 1/period to 10/period over the record; the phase is the integral.
+    "chirp": lambda cycles, lag: _sine(cycles + 4.5 * cycles * (cycles / (cycles[-1] or 1.0)), lag),
+}
 
 
 def _measure(truth: Array, settings: SignalSettings, rng: np.random.Generator) -> Array:
     """What the sensor measures of the truth, shape (n, channels)."""
     sigma = settings.sigma if settings.sigmas is None else np.array(settings.sigmas)
-    values = truth + sigma * _unit_noise(settings.noise, truth.shape, rng)
+    values = truth + sigma * _LAWS[settings.noise](rng, truth.shape)
     if settings.offsets is not None:
         values = values + np.array(settings.offsets)
     if settings.outliers:
@@ -236,21 +216,24 @@ def _measure(truth: Array, settings: SignalSettings, rng: np.random.Generator) -
     return values
 
 
-def _unit_noise(noise: str, shape: tuple[int, ...], rng: np.random.Generator) -> Array:
-    """Noise of mean 0 and standard deviation 1."""
-    if noise == "gaussian":
-        return rng.standard_normal(shape)
-    if noise == "uniform":  # width 2√3 has variance 1
-        return math.sqrt(12) * (rng.random(shape) - 0.5)
-    # var(rand − rand) = 1/6
-    return math.sqrt(6) * (rng.random(shape) - rng.random(shape)) if noise == "triangular" else np.zeros(shape)
+# Noise of mean 0 and standard deviation 1.
+_LAWS: dict[str, Callable[[np.random.Generator, tuple[int, ...]], Array]] = {
+    "gaussian": lambda rng, shape: rng.standard_normal(shape),
+    "uniform": lambda rng, shape: math.sqrt(12) * (rng.random(shape) - 0.5),  # width 2√3 has variance 1
+    "triangular": lambda rng, shape: math.sqrt(6) * (rng.random(shape) - rng.random(shape)),  # rand − rand: 1/6
+    "none": lambda _, shape: np.zeros(shape),
+}
 
 
 def _check(name: str, value: Any, low: float, high: float) -> None:
-    is_whole = isinstance(low, int)
+    """Refuse a setting out of its range, and each number of one of several."""
+    several, is_whole = name in _SEVERAL, isinstance(low, int)
+    if several and type(value) not in (tuple, type(None)):
+        raise BadSetting(f"{name} must be several numbers (got {value!r})")
     # A source gives the numbers of `every` as 2.0.
-    kinds: Any = (int, np.integer) if is_whole and name not in _SEVERAL else (int, float, np.integer, np.floating)
-    fits = isinstance(value, kinds) and not isinstance(value, bool) and low <= value <= high  # false for NaN
-    if not fits or (is_whole and value != int(value)):
-        what = f"whole number from {low} to {high}" if is_whole else f"number from {low:g} to {high:g}"
-        raise BadSetting(f"{name} must be a {what} (got {value!r})")
+    kinds: Any = (int, np.integer) if is_whole and not several else (int, float, np.integer, np.floating)
+    for one in (value or ()) if several else (value,):
+        fits = isinstance(one, kinds) and not isinstance(one, bool) and low <= one <= high  # false for NaN
+        if not fits or (is_whole and one != int(one)):
+            what = f"whole number from {low} to {high}" if is_whole else f"number from {low:g} to {high:g}"
+            raise BadSetting(f"{name} must be a {what} (got {one!r})")

@@ -1,7 +1,6 @@
 """Spreadsheets, written by openpyxl."""
 
 import datetime
-import runpy
 import zipfile
 
 import numpy as np
@@ -9,7 +8,6 @@ import pytest
 from required import needs
 
 from kalscope.errors import BadFile, BadSetting
-from kalscope.sources.containers import convert
 from kalscope.sources.grammar.read_options import ReadOptions
 from kalscope.sources.reading.recording_file import read_recording
 
@@ -72,14 +70,14 @@ def test_two_cells_at_the_ends_of_a_sheet_are_refused_before_they_fill_the_memor
     workbook = openpyxl.Workbook()
     workbook.active["A1"], workbook.active["XFD1048576"] = 1, 2
     workbook.save(tmp_path / "log.xlsx")
-    with pytest.raises(BadFile, match="cells in a sheet"):
+    with pytest.raises(BadFile, match="cells a sheet"):
         read_recording(tmp_path / "log.xlsx")
 
 
 def test_a_zip_archive_of_other_files_is_no_spreadsheet(tmp_path):
     with zipfile.ZipFile(tmp_path / "log.xlsx", "w") as archive:
         archive.writestr("log.csv", "a,b\n1,2\n")
-    with pytest.raises(BadFile, match="zip archive of other files"):
+    with pytest.raises(BadFile, match="cannot be read as a spreadsheet"):
         read_recording(tmp_path / "log.xlsx")
 
 
@@ -114,14 +112,3 @@ def test_a_sheet_of_opendocument(tmp_path):
 def test_a_cell_that_is_repeated_over_the_whole_sheet_is_refused(tmp_path):
     with pytest.raises(BadFile, match="cell"):
         read_recording(write_ods(tmp_path / "log.ods", ods_row(1.5, repeated=16384)))
-
-
-def test_a_system_that_refuses_a_limit_of_memory_reads_spreadsheets(book, tmp_path, monkeypatch):
-    def refuse(*_):
-        raise ValueError("current limit exceeds maximum limit")  # as macOS does
-
-    path = book(log=[["temp"], *([20 + 0.1 * i] for i in range(50))])
-    monkeypatch.setattr("resource.setrlimit", refuse)
-    monkeypatch.setattr("sys.argv", ["convert.py", str(path), str(tmp_path)])
-    runpy.run_path(convert.__file__, run_name="__main__")
-    assert len((tmp_path / "0.txt").read_text().splitlines()) == 51

@@ -83,7 +83,7 @@ def test_what_unpacks_without_a_bound_is_refused(tmp_path, packing):
     path = tmp_path / "bomb.zip"
     with zipfile.ZipFile(path, "w", packing) as out:
         out.writestr("log.csv", ACCELERATION)
-    with pytest.raises(BadFile, match=r"packed by Deflate, .*got another one: log\.csv"):
+    with pytest.raises(BadFile, match=r"packed by Deflate, .*got log\.csv"):
         read_recording(path)
 
 
@@ -93,7 +93,7 @@ def test_an_encrypted_table_is_refused_by_name(archive):
     data[6] |= 1
     data[data.find(b"PK\1\2") + 8] |= 1
     path.write_bytes(data)
-    with pytest.raises(BadFile, match=r"without a password \(got an encrypted one: log\.csv\)"):
+    with pytest.raises(BadFile, match=r"without a password \(got log\.csv\)"):
         read_recording(path)
 
 

@@ -175,10 +175,8 @@ def test_variables_of_teleplot_are_no_more_than_a_table_may_have_columns():
 
 
 def test_variables_that_come_together_are_known_before_the_first_is_read():
-    parser = LineParser()
-    parser.prime([">a:1000:1", ">time:1000:2", ">b:1000:3§V"])
-    parser.feed(b">a:1000:1\n")
-    np.testing.assert_equal([event.rows for event in parser], [((1000.0, 1.0, NAN, NAN),)])
+    parser, events = events_of(">a:1000:1\n>time:1000:2\n>b:1000:3§V\n".encode())
+    np.testing.assert_equal(events[0].rows, ((1000.0, 1.0, NAN, NAN),))
     assert [(c.name, c.unit) for c in parser.layout.columns[1:]] == [("a", ""), ("time", ""), ("b", "V")]
     assert parser.layout.time.index == 0
 

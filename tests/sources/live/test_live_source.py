@@ -191,26 +191,6 @@ def test_of_a_flood_without_end_whole_lines_are_read_and_others_left_out(monkeyp
         assert (status.rejected, status.dropped) == (0, status.overrun)
 
 
-def test_bytes_that_a_late_close_left_out_do_not_hold_up_the_next_start(monkeypatch, wait_for):
-    monkeypatch.setattr("kalscope.sources.live.source.MAX_CLOSE_S", -1.0)
-    monkeypatch.setattr("kalscope.sources.port.reader._KEPT_BYTES", 500)
-    first = ScriptedPort([lines(0, 1), lines(1, 201)], "at a line", keeps=True)
-    second = ScriptedPort([lines(201, 301)], "at a line", keeps=True)
-    live = LiveSource("x", reader=PortReader(PortSpec("x"), opener=scripted(first, second)))
-    go_on, feed = threading.Event(), live._lines.feed
-    monkeypatch.setattr(live._lines, "feed", lambda received: go_on.wait(PATIENCE) and feed(received))
-    live.start()
-    wait_for(lambda: not first.script)
-    closing = threading.Thread(target=live.close)
-    closing.start()
-    wait_for(lambda: live._end_by < math.inf)
-    go_on.set()
-    closing.join()
-    with live:
-        wait_for(lambda: live.status().received == 301)
-        assert live.status().overrun == 200
-
-
 def test_an_error_in_a_line_is_reported_and_the_next_lines_are_read(monkeypatch, wait_for):
     port = ScriptedPort([b"1,2\n", b"3,4\n"], "at a line")
     live = LiveSource("x", reader=PortReader(PortSpec("x"), opener=scripted(port)))

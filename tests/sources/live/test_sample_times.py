@@ -43,11 +43,10 @@ def test_stamps_that_stand_still_are_no_time():
     np.testing.assert_allclose(time, np.arange(100) * 0.01, atol=1e-9)
 
 
-@pytest.mark.parametrize("size", [2.0**16, 2.0**32])
-def test_a_counter_that_wraps_is_counted_on(size):
-    true = np.arange(100) * 10.0 + size - 500
+def test_a_counter_that_wraps_is_counted_on():
+    true = np.arange(100) * 10.0 + 2.0**32 - 500
     clock = LiveTime(TimeColumn(0, "number", "ms"))
-    time = times_of(clock, (np.arange(100) * 0.01).tolist(), np.mod(true, size).tolist())
+    time = times_of(clock, (np.arange(100) * 0.01).tolist(), np.mod(true, 2.0**32).tolist())
     np.testing.assert_allclose(time, np.arange(100) * 0.01, atol=1e-6)
 
 
@@ -92,13 +91,3 @@ def test_the_period_of_coarse_stamps_is_their_mean_step():
     clock = LiveTime(TimeColumn(0, "number", "ms"))
     times_of(clock, true.tolist(), np.floor(true * 1000).tolist())
     assert clock.period == pytest.approx(1 / 900, rel=0.01)
-
-
-def test_jitter_holds_nine_of_ten_steps():
-    rng = np.random.default_rng(2)
-    steps = 0.01 + rng.uniform(-0.001, 0.001, 4000)
-    clock = LiveTime(None)
-    assert clock.jitter is None
-    times_of(clock, np.cumsum(steps).tolist())
-    assert clock.jitter == pytest.approx(0.0009, rel=0.05)
-    assert clock.period == pytest.approx(0.01, rel=0.01)

@@ -97,6 +97,6 @@ def test_a_password_that_reads_as_a_port_is_refused_and_not_repeated(address, sh
 
 def test_ports_are_listed_by_name_with_what_the_system_says(monkeypatch):
     found = [ListPortInfo("COM10"), ListPortInfo("COM9")]
-    vars(found[1]).update(description="Uno", serial_number="75", vid=0x2341, pid=0x43, manufacturer="A")
+    vars(found[1]).update(description="Uno", serial_number="75", vid=0x2341, pid=0x43)
     monkeypatch.setattr("serial.tools.list_ports.comports", lambda: found)
-    assert list_ports() == (PortInfo("COM9", "Uno", "75", "A", (0x2341, 0x43)), PortInfo("COM10", "", ""))
+    assert list_ports() == (PortInfo("COM9", "Uno", "75", (0x2341, 0x43)), PortInfo("COM10", "", ""))

@@ -5,7 +5,6 @@ from __future__ import annotations
 import errno
 import math
 import os
-import threading
 from pathlib import Path
 
 import numpy as np
@@ -221,8 +220,6 @@ def test_a_recording_is_never_overwritten_and_a_free_name_is_proposed(tmp_path):
     with pytest.raises(BadFile, match=r"such as 'run_4.csv'"):
         new_recorder(path)
     assert path.read_text() == "mine"
-    with pytest.raises(BadFile, match=r"must not end in \.rejects"):
-        new_recorder(tmp_path / "other.rejects")
 
 
 @pytest.mark.parametrize("name", ["file/run.csv", "missing/run.csv", "nul\0.csv"])
@@ -275,7 +272,7 @@ def test_at_whatever_byte_the_disk_is_full_no_line_is_torn_and_later_ones_come(t
             assert recorder.error == ""
             assert recorder.close() == RecorderCounts(7, 7 - lost, 0, lost, lost)
         assert data_lines(path) == [*full[: 6 - lost], "1.000000,6,3"]
-        assert (f"# gap disk full 1.000 s ({lost} lines dropped)\n" in path.read_text()) == (room < size)
+        assert (f"# gap disk 1.000 s ({lost} lines dropped)\n" in path.read_text()) == (room < size)
 
 
 @pytest.mark.skipif(os.name == "nt", reason="Windows deletes no open file")
@@ -290,34 +287,23 @@ def test_a_file_that_another_program_cuts_or_deletes_is_an_error_at_the_next_wri
 
 
 def test_closing_on_a_full_disk_counts_its_lines_as_dropped(tmp_path, monkeypatch):
-    for error, says in (
-        (errno.EDQUOT, "disk full (Disk quota"),
-        (errno.EIO, "write error (Input/output error): lines"),
-    ):
-        path = tmp_path / f"{error}.csv"
-        with monkeypatch.context() as patch:
-            hand_over(recorder := new_recorder(path), b"1,2\n3,4\n")
-            patch.setattr(recorder_module.os, "write", FullDisk(5, error))
-            hand_over(recorder, b"5,6\n7,8\n", at=STARTED + 1)
-            assert recorder.close() == RecorderCounts(4, 2, 0, 2, 2)
-        assert len(data_lines(path)) == 2
-        assert says in recorder.error
+    path = tmp_path / "run.csv"
+    hand_over(recorder := new_recorder(path), b"1,2\n3,4\n")
+    monkeypatch.setattr(recorder_module.os, "write", FullDisk(5, errno.EDQUOT))
+    hand_over(recorder, b"5,6\n7,8\n", at=STARTED + 1)
+    assert recorder.close() == RecorderCounts(4, 2, 0, 2, 2)
+    assert len(data_lines(path)) == 2
+    assert "the disk refuses (Disk quota" in recorder.error
 
 
-def test_a_disk_that_does_not_confirm_is_said_and_asked_again(tmp_path, monkeypatch):
-    broken = threading.Event()
-    broken.set()
-
+def test_a_disk_that_does_not_confirm_is_an_error(tmp_path, monkeypatch):
     def sync(_fd):
-        if broken.is_set():
-            raise OSError(errno.EIO, "Input/output error")
+        raise OSError(errno.EIO, "Input/output error")
 
     monkeypatch.setattr(recorder_module, "_fdatasync", sync)
     monkeypatch.setattr(recorder_module, "SYNC_EVERY_S", 0.01)
     recorder = new_recorder(tmp_path / "run.csv")
     wait_until(lambda: "Input/output error" in recorder.error, "the word that the disk does not confirm")
-    broken.clear()
-    wait_until(lambda: recorder.error == "", "the disk's word, asked again")
     recorder.close()
 
 

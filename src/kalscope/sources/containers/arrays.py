@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import io
 import logging
 import math
@@ -76,6 +75,8 @@ class Found:
     """The arrays."""
     scalars: list[tuple[str, str, float]] = field(default_factory=list[tuple[str, str, float]])
     """(group, name, value) of single numbers, which may include the sample rate."""
+    what: str = "group of arrays of one length"
+    """What a part of the file is called."""
 
     def add(self, key: str, group: str, array: Any, unit: str = "", period: float | None = None) -> None:
         """Add an array, or a dataset that is one: each field of a table, which may hold several columns, is one."""
@@ -118,23 +119,15 @@ def period_from(name: str, value: float) -> float | None:
     return period if period is not None and period <= _MAX_PERIOD else None
 
 
-def read_arrays(
-    arrays: Found,
-    wanted: str | None,
-    name: str,
-    note: str,
-    progress: Progress,
-    what: str = "group of arrays of one length",
-) -> Table:
+def read_arrays(arrays: Found, part: str | None, name: str, note: str, progress: Progress) -> Table:
     """The requested part: the arrays of one group with the same number of samples.
 
     Args:
         arrays: The arrays of the file.
-        wanted: `ReadOptions.part`.
+        part: `ReadOptions.part`.
         name: The file.
         note: What it is: "a MATLAB file".
         progress: Reports the arrays as they are read.
-        what: What a part is called.
 
     Raises:
         BadFile: there are no arrays of numbers, or too many numbers.
@@ -146,7 +139,7 @@ def read_arrays(
     for (group, n), found in groups.items():
         label = group if group and group not in many else f"{group}/{found[0].name}".removeprefix("/")
         parts.append(Part(label, n, sum(_width(item, n) for item in found)))
-    chosen, said = choose_part(parts, wanted, name, what)
+    chosen, said = choose_part(parts, part, name, arrays.what)
     (group, n), found = list(groups.items())[chosen]
     if group:  # a time array in the file itself applies to the group as well
         found = [*groups.get(("", n), []), *found]
@@ -195,28 +188,17 @@ def _outer(group: str) -> list[str]:
 
 
 def _grouped(items: Sequence[Item]) -> dict[tuple[str, int], list[Item]]:
-    """The arrays of each group and number of samples; scalars and images are left out."""
-    lengths = {(item.group, max(item.shape)) for item in items if _is_vector(item.shape)}
+    """The arrays of each group and number of samples; scalars and images are left out.
+
+    The samples of a matrix are along the axis that is as long as a vector beside it, else along the longer one.
+    """
+    vectors = {(item.group, max(item.shape)) for item in items if math.prod(item.shape) == max(item.shape)}
     groups: dict[tuple[str, int], list[Item]] = {}
     for item in items:
-        if (n := _samples(item, lengths)) > 1:
+        n = next((n for n in item.shape if n > 1 and (item.group, n) in vectors), max(item.shape))
+        if n > 1 and 0 < _width(item, n) <= MAX_COLUMNS:
             groups.setdefault((item.group, n), []).append(item)
     return groups
-
-
-def _is_vector(shape: tuple[int, ...]) -> bool:
-    return len(shape) == 1 or (len(shape) == 2 and 1 in shape)
-
-
-def _samples(item: Item, lengths: set[tuple[str, int]]) -> int:
-    """Samples of an array: along the axis that is as long as a vector beside it, else along the longer one."""
-    if not 1 <= len(item.shape) <= 2 or 0 in item.shape:
-        return 0
-    if _is_vector(item.shape):
-        return max(item.shape)
-    fitting = [n for n in item.shape if (item.group, n) in lengths]
-    n = fitting[0] if fitting else max(item.shape)
-    return n if _width(item, n) <= MAX_COLUMNS else 0
 
 
 def _width(item: Item, n: int) -> int:
@@ -273,14 +255,13 @@ def _text(value: Any) -> str:
     return value.strip() if isinstance(value, str) else ""
 
 
-# MATLAB files: up to version 7.2 by SciPy, version 7.3, which is HDF5, by h5py. Nothing in them is ever run.
+# MATLAB files of version 5 to 7.2, read by SciPy; version 7.3 is HDF5. Nothing in them is ever run.
 
 
 _COMPRESSED = 15
 """Type of an element of a file of version 5 that holds a compressed variable."""
-_PIECE = 1 << 22
-"""Bytes that are read and unpacked at once to count them."""
-_VERSION_73 = b"MATLAB 7.3"
+_PIECE = 1 << 26
+"""Bytes that are unpacked at once to count them."""
 _CLASSES = re.compile("double|single|logical|struct|u?int(8|16|32|64)")
 """Classes of variables that may hold numbers; cells, text, functions and objects are left unread."""
 
@@ -292,9 +273,6 @@ def read_mat(path: Path, name: str, part: str | None, progress: Progress) -> Tab
         BadFile: it holds no numbers or too many.
         BadSetting: there is no such part.
     """
-    with path.open("rb") as file:
-        if file.read(len(_VERSION_73)) == _VERSION_73:
-            return read_hdf5(path, name, part, progress)
     matlab = load_library("scipy.io", "scipy", name, "a MATLAB file")
     listed = cast("list[tuple[str, tuple[int, ...], str]]", matlab.whosmat(str(path)))
     wanted = [key for key, _, kind in listed if _CLASSES.fullmatch(kind)]
@@ -311,23 +289,16 @@ def read_mat(path: Path, name: str, part: str | None, progress: Progress) -> Tab
 
 def _count_unpacked(path: Path, progress: Progress) -> None:
     """Count what the compressed variables of a file of version 5 unpack to."""
-    with path.open("rb") as file:
-        head = file.read(128)
-        if 0 in head[:4]:  # version 4 compresses nothing
-            return
-        order = "<" if head[126:128] == b"IM" else ">"
-        while len(tag := file.read(8)) == 8:
-            kind, size = struct.unpack(f"{order}II", tag)
-            if kind != _COMPRESSED:
-                file.seek(size, 1)
-                continue
-            unpacker = zlib.decompressobj()
-            while packed := file.read(min(size, _PIECE)):
-                size -= len(packed)
-                while packed:
-                    progress(0.0, "reading")
-                    progress.unpack(len(unpacker.decompress(packed, _PIECE)))
-                    packed = unpacker.unconsumed_tail
+    data = path.read_bytes()
+    at, order = 128, "<" if data[126:128] == b"IM" else ">"
+    while at + 8 <= len(data):
+        kind, size = struct.unpack_from(f"{order}II", data, at)
+        unpacker, packed = zlib.decompressobj(), data[at + 8 : at + 8 + size]
+        while kind == _COMPRESSED and packed:
+            progress(0.0, "reading")
+            progress.unpack(len(unpacker.decompress(packed, _PIECE)))
+            packed = unpacker.unconsumed_tail
+        at += 8 + size
 
 
 def _collect(key: str, group: str, value: Any, found: Found, depth: int = 0) -> None:
@@ -389,18 +360,12 @@ def read_tdms(path: Path, name: str, part: str | None, progress: Progress) -> Ta
             step = properties.get("wf_increment")
             period = float(step) if isinstance(step, (int, float)) and 0 < step < np.inf else None
             unit = properties.get("unit_string") or properties.get("NI_UnitDescription") or ""
-            start = _seconds(properties.get("wf_start_time")) if period is not None else None
+            stamp = np.asarray(properties.get("wf_start_time"))
+            seconds = float(_numbers_of(stamp)) / 1e6 if period and stamp.dtype.kind == "M" else math.nan
+            start = seconds if math.isfinite(seconds) else None
             load = partial(channel.__getitem__, slice(None))
             found.items.append(Item(channel.name, channel.group_name, (n,), load, str(unit), period, start))
         return read_arrays(found, part, name, "a TDMS file", progress)
-
-
-def _seconds(stamp: Any) -> float | None:
-    try:
-        seconds = float((stamp - _EPOCH) / np.timedelta64(1, "s"))
-    except (TypeError, ValueError):  # no stamp
-        return None
-    return seconds if np.isfinite(seconds) else None
 
 
 # Parquet files, read by pyarrow: one row per sample, the file gives the column types.
@@ -416,7 +381,7 @@ def read_parquet(path: Path, name: str, part: str | None, progress: Progress) ->
     refuse_part(part, name)
     progress(0.0, "reading")
     parquet = load_library("pyarrow.parquet", "pyarrow", name, "a Parquet file")
-    types = importlib.import_module("pyarrow").types
+    types = load_library("pyarrow.types", "pyarrow", name, "a Parquet file")
     with parquet.ParquetFile(str(path)) as file:
         found, rows = Found(), int(file.metadata.num_rows)
 
@@ -463,9 +428,9 @@ def read_edf(path: Path, name: str, part: str | None, progress: Progress) -> Tab
         low, high, least, most = (float(field[i]) for field in fields[3:7])
         return (data[:, stops[i] : stops[i + 1]].ravel() - least) * ((high - low) / (most - least)) + low
 
-    found = Found()
+    found = Found(what="set of signals of one rate")
     for i, (label, unit) in enumerate(zip(fields[0], fields[2], strict=True)):
         if not label.endswith("Annotations"):
             n = stops[i + 1] - stops[i]
             found.items.append(Item(label, "", (n * shape[0],), partial(physical, i), unit, seconds / n, start))
-    return read_arrays(found, part, name, "an EDF file", progress, "set of signals of one rate")
+    return read_arrays(found, part, name, "an EDF file", progress)

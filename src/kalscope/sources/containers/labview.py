@@ -7,6 +7,7 @@ rules, with the seconds since the first segment in front; all other lines become
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from datetime import datetime, timedelta
@@ -34,8 +35,6 @@ class _Segment:
     """Cells of each tag, by column; those of the file header where the segment gives none."""
     names: list[str]
     """The row of names."""
-    is_dated: bool
-    """True where it gives a start of its own, not only that of the file."""
     rows: list[tuple[int, list[str]]] = field(default_factory=list[tuple[int, "list[str]"]])
     """(line from 0, cells) of each row."""
 
@@ -45,31 +44,28 @@ class _Segment:
         return "".join(cells[1:2] if len(cells) <= 2 else cells[column : column + 1])
 
     def start(self, column: int) -> float | None:
-        """Seconds since 1970 of the start; LabVIEW gives local time without a zone."""
+        """Seconds since 1970 of the start; LabVIEW gives local time without a zone. None where x counts on."""
         clock = self.tag("Time", column).replace(",", ".")[:15]  # to the microsecond
         stamp = parse_calendar(f"{self.tag('Date', column)} {clock}")
-        return None if stamp is None else stamp / 1e6
+        return None if stamp is None or self.tag("Time_Pref").lower() == "relative" else stamp / 1e6
 
-    def axes(self, decimal: str) -> Iterable[tuple[list[int], Array | None, float]]:
-        """(columns, seconds of each row, step) of the channels of each x axis; None, where they have no time.
-
-        Channels are all columns that are named, but not x and a comment at the end.
-        """
-        found: dict[bytes, tuple[list[int], Array | None, float]] = {}
-        x = None
+    def channels(self) -> Iterable[list[int]]:
+        """Columns of the channels of each step: all that are named, but not x and a comment at the end."""
+        found: dict[str, list[int]] = {}
         for j, name in enumerate(self.names):
-            if name == _X:
-                x = j if self.tag("X_Columns").lower() != "no" else None
-            elif name and not (name == "Comment" and j == len(self.names) - 1):
-                time, step = self._x_axis(j, x, decimal)
-                found.setdefault(b"" if time is None else time.tobytes(), ([], time, step))[0].append(j)
+            if name not in ("", _X) and not (name == "Comment" and j == len(self.names) - 1):
+                found.setdefault(self.tag("Delta_X", j), []).append(j)
         return found.values()
 
-    def _x_axis(self, column: int, x: int | None, decimal: str) -> tuple[Array | None, float]:
-        """X0 + i Delta_X, unless an x column differs by more than half a step: x is rounded, Delta_X is not."""
+    def axis(self, column: int, decimal: str) -> tuple[Array | None, float]:
+        """Seconds of each row, None where there is no time, and the step.
+
+        X0 + i Delta_X, unless the x column differs by more than half a step: x is rounded, Delta_X is not.
+        """
         step, first = (parse_number(self.tag(tag, column), decimal) or 0.0 for tag in ("Delta_X", "X0"))
         even = first + np.arange(len(self.rows), dtype=np.float64) * step if step > 0.0 else None
-        if x is not None:
+        if _X in self.names[:column] and self.tag("X_Columns").lower() != "no":
+            x = column - 1 - self.names[:column][::-1].index(_X)
             cells = (parse_number(cells[x], decimal) if x < len(cells) else None for _, cells in self.rows)
             given = np.array([np.nan if cell is None else cell for cell in cells])
             if np.isfinite(given).any() and not (even is not None and np.all(np.abs(given - even) <= 0.5 * step)):
@@ -89,33 +85,32 @@ def read_lvm(path: Path, name: str, part: str | None, progress: Progress) -> Tex
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError:
         text = data.decode("latin-1")
-    lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
+    lines = re.split("\r\n|\r|\n", text)
     segments, decimal = _segments(lines, progress)
-    series: dict[tuple[str, ...], list[tuple[_Segment, list[int], Array | None, float]]] = {}
+    series: dict[tuple[str, ...], list[tuple[_Segment, list[int]]]] = {}
     for segment in segments:
-        for columns, time, step in segment.axes(decimal) if segment.rows else ():
-            names = tuple(segment.names[j] for j in columns)
-            series.setdefault(names, []).append((segment, columns, time, step))
+        for columns in segment.channels() if segment.rows else ():
+            series.setdefault(tuple(segment.names[j] for j in columns), []).append((segment, columns))
     parts = [
-        Part(", ".join(key), sum(len(one.rows) for one, *_ in found), len(key)) for key, found in series.items()
+        Part(", ".join(key), sum(len(one.rows) for one, _ in found), len(key)) for key, found in series.items()
     ]
     chosen, notes = choose_part(parts, part, name, "set of channels")
     names, found = list(series.items())[chosen]
-    first, columns, time, _ = found[0]
+    first, columns = found[0]
     titles = [
         title if not unit or f"({unit})" in title else f"{title} [{unit}]"
         for title, unit in zip(names, (first.tag("Y_Unit_Label", j) for j in columns), strict=True)
     ]
     written = ["#"] * (len(lines) - (not lines[-1]))
-    written[first.rows[0][0] - 1] = "\t".join([*([] if time is None else ["time (s)"]), *titles])
+    has_time = first.axis(columns[0], decimal)[0] is not None
+    written[first.rows[0][0] - 1] = "\t".join([*(["time (s)"] * has_time), *titles])
     origin, end = first.start(columns[0]), None
-    for segment, columns, time, step in found:
-        start, shift = segment.start(columns[0]), 0.0
-        if time is not None and end is not None:
-            if segment.is_dated and start is not None and origin is not None:
-                shift = start - origin
-            elif time[0] <= end:
-                shift = end + step - time[0]
+    for segment, columns in found:
+        (time, step), start, shift = segment.axis(columns[0], decimal), segment.start(columns[0]), 0.0
+        if start is not None and origin is not None and start > origin:
+            shift = start - origin
+        elif time is not None and end is not None and time[0] <= end:
+            shift = end + step - time[0]
         end = None if time is None else time[-1] + shift
         for i, (line, cells) in enumerate(segment.rows):
             stamp = [] if time is None else ["" if np.isnan(time[i]) else repr(float(time[i] + shift))]
@@ -146,11 +141,8 @@ def _segments(lines: list[str], progress: Progress) -> tuple[list[_Segment], str
             rows.append((number, cells))
         elif cells[0] == _X:  # begins a segment even without a segment header
             tags = dict(of_file or {}) if rows is not None else tags
-            own = any(tags.get(tag) is not (of_file or {}).get(tag) for tag in ("Date", "Time"))
-            segment = _Segment(tags, cells, own)
-            segment.is_dated = own and segment.tag("Time_Pref").lower() != "relative"
-            segments.append(segment)
-            rows = segment.rows
+            segments.append(_Segment(tags, cells))
+            rows = segments[-1].rows
         else:
             if rows is not None:
                 tags, rows = dict(of_file or {}), None

@@ -16,9 +16,6 @@ from kalscope.errors import BadFile, KalscopeError
 from kalscope.sources.containers.table import Table, Text
 from kalscope.sources.grammar.line_format import find_object
 
-OLD_EXCEL = b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1"
-"""How a workbook of Excel before 2007 begins."""
-
 _BEFORE_JSON = b"\xef\xbb\xbf\xff\xfe\0 \t\r\n"
 """What may precede the first character: byte order marks, blanks, and the empty halves of UTF-16."""
 _MAX_LINES = 50
@@ -47,21 +44,12 @@ def _begins(*magic: bytes) -> Recogniser:
     return lambda head, _: head.startswith(magic)
 
 
-def _is_mat(head: bytes, name: str) -> bool:
-    """Version 4 has no magic number: its name decides."""
-    return head.startswith((b"MATLAB 5.0 MAT-file", b"MATLAB 7.3 MAT-file")) or (
-        name.endswith(".mat") and not head.startswith((b"\x89HDF", b"PK", b"\x1f\x8b")) and b"\0" in head[:20]
-    )
-
-
 def _is_excel(head: bytes, name: str) -> bool:
     """For a zip archive the names in its head decide, or its own name."""
-    return head.startswith(OLD_EXCEL) or (
-        head.startswith(b"PK\x03\x04")
-        and (
-            name.endswith((".xlsx", ".xlsm", ".ods")) or b"xl/" in head or b"opendocument.spreadsheet" in head[:200]
-        )
-    )
+    is_old = head.startswith(b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1")  # of before 2007
+    is_named = name.endswith((".xlsx", ".xlsm", ".ods"))
+    held = b"xl/" in head or b"opendocument.spreadsheet" in head[:200]
+    return is_old or (head.startswith(b"PK\x03\x04") and (is_named or held))
 
 
 def _is_edf(head: bytes, _: str) -> bool:
@@ -101,7 +89,8 @@ _CONTAINERS = (
     ),
     Container("a TDMS file", _begins(b"TDSm"), "arrays.read_tdms"),
     Container("an HDF5 file", _begins(b"\x89HDF\r\n\x1a\n"), "arrays.read_hdf5"),
-    Container("a MATLAB file", _is_mat, "arrays.read_mat"),
+    Container("a MATLAB file", _begins(b"MATLAB 5.0 MAT-file"), "arrays.read_mat"),
+    Container("a MATLAB file", _begins(b"MATLAB 7.3 MAT-file"), "arrays.read_hdf5"),
     Container("an MCAP log", _begins(b"\x89MCAP0\r\n"), "robotics.read_mcap"),
     Container("a ROS 1 bag", _begins(b"#ROSBAG V2"), "robotics.read_ros1"),
     Container("a ROS 2 bag", _begins(b"SQLite format 3\0"), "robotics.read_ros2"),

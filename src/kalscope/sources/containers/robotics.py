@@ -99,7 +99,7 @@ def read_ulog(path: Path, name: str, part: str | None, progress: Progress) -> Ta
     # The library prints its warnings, which are not part of a command's output.
     with path.open("rb") as file, redirect_stdout(io.StringIO()):
         topics = pyulog.ULog(file).data_list
-    found = Found()
+    found = Found(what="topic")
     for topic in topics:
         # Several sensors of one kind are distinguished by their instance.
         group, data = f"{topic.name}_{topic.multi_id}" if topic.multi_id else topic.name, dict(topic.data)
@@ -148,7 +148,7 @@ def _read_topic(messages: Iterable[_Message], part: str | None, name: str, kind:
             values[1:, i] = [numbers.get(field, np.nan) for field in fields]
         return values
 
-    found = Found()
+    found = Found(what="topic")
     for topic, held in topics.items():
         first: dict[str, float] = {}
         with suppress(Exception):  # another encoding, an unknown type, a damaged message
@@ -162,7 +162,7 @@ def _read_topic(messages: Iterable[_Message], part: str | None, name: str, kind:
 
 def _timed(found: Found, part: str | None, name: str, note: str, progress: Progress) -> Table:
     """The requested topic, whose first column is the time; what it unpacks to is counted already."""
-    return replace(read_arrays(found, part, name, note, replace(progress, unpacking=None), "topic"), time=0)
+    return replace(read_arrays(found, part, name, note, replace(progress, unpacking=None)), time=0)
 
 
 def _unpacked(data: bytes, name: str, progress: Progress) -> bytes:

@@ -29,10 +29,7 @@ def load_library(module: str, package: str, name: str, kind: str) -> Any:
     try:
         return importlib.import_module(module)
     except ImportError:
-        raise BadFile(
-            f'{name} needs {package} to be read: pip install "kalscope[formats]" or pip install {package}'
-            f" (got {kind})"
-        ) from None
+        raise BadFile(f'{name} needs {package} to be read (got {kind}): pip install "kalscope[formats]"') from None
 
 
 # What a container holds: a table of numbers, or text that is read by the rules of text files.

@@ -157,11 +157,8 @@ def read_zip(path: Path, name: str, part: str | None, progress: Progress) -> Tex
         raise BadFile(f"{name} must hold at most {_MAX_FILES} tables (got {len(tables)})")
     for info in tables:
         if info.flag_bits & 1 or info.compress_type not in _PACKINGS:
-            how = "an encrypted" if info.flag_bits & 1 else "another"
-            raise BadFile(
-                f"{name} must hold tables that are packed by Deflate, without a password (got {how} one:"
-                f" {one_line(info.filename)}); unpack it first"
-            )
+            table = one_line(info.filename)
+            raise BadFile(f"{name} must be packed by Deflate, without a password (got {table}): unpack it first")
     with zipfile.ZipFile(path) as archive:
         digits = [_share_of_digits(archive, info) for info in tables]
     progress(0.5, "unpacking")

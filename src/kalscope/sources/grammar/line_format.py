@@ -7,7 +7,7 @@ import re
 from dataclasses import dataclass
 from functools import reduce
 from string import hexdigits
-from typing import Any, Literal, cast
+from typing import Any, Literal, NamedTuple, cast
 
 from kalscope.sources.grammar.cells import MISSING, is_measure, is_number, split_measure
 
@@ -274,8 +274,7 @@ class LineFormat:
     """True where each line ends with a checksum: one without it was cut."""
 
 
-@dataclass(frozen=True)
-class Teleplot:
+class Teleplot(NamedTuple):
     """One line of Teleplot: a variable and its samples."""
 
     name: str

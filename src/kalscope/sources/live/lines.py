@@ -25,9 +25,8 @@ _SILENCE = 0.3
 """Seconds without a byte after which a new line begins: a line is sent in one go."""
 _MAX_REJECTED_RUN = 32
 """Successive rejected lines after which the board is assumed to run another program."""
-_WINDOW = 2.0
 _ODD_SHARE = 0.25
-_MIN_BYTES_JUDGED = 16
+_MIN_BYTES_JUDGED = 200
 
 _ODD = bytes(set(range(256)) - set(range(32, 127)) - set(b"\t\r\n"))
 _NUMBER_MARKS = "0123456789+-.eE,;|[]() \t"
@@ -59,12 +58,9 @@ class LiveLines:
 
     def __init__(self, options: ReadOptions) -> None:
         self.counts = LineCounts()
-        self.wrong_baud = False
-        """True if the last 2 s brought no row and more than a quarter of odd bytes."""
         self._options = options = replace(options, missing=(*options.missing, *OVERFLOWS))
         # No board prints a decimal comma; below a remark such as "Ready", 512,300 would look like one.
         self._parser = LineParser(replace(options, decimal=options.decimal or "."))
-        self._may_prime = False  # the next bytes are the first of whole lines
         self._last = b""  # byte
         self._skip = self._whole = False  # the next line may be half of one; it was sent after a silence
         self._opened = -math.inf
@@ -72,12 +68,17 @@ class LiveLines:
         self._fresh = False  # no sample since the opening
         self._recent: deque[str] = deque(maxlen=_MAX_REJECTED_RUN)
         self._names = ""
-        self._window = (0.0, 0, 0)
+        self._bytes = self._odd = 0  # since the last row, or the opening
 
     @property
     def layout(self) -> Layout | None:
         """How the lines are written; None while that is unknown."""
         return self._parser.layout
+
+    @property
+    def wrong_baud(self) -> bool:
+        """True where many bytes came since the last row, and more than a quarter of them odd."""
+        return self._bytes >= _MIN_BYTES_JUDGED and self._odd > _ODD_SHARE * self._bytes
 
     def opened(self, at: float, starts: Start = "inside a line", *, keeps: bool = False) -> None:
         """The port was opened at the monotonic time `at`, s; `starts` and `keeps` are those of `Opened`."""
@@ -87,9 +88,9 @@ class LiveLines:
             self._parser = LineParser(self._options)  # a file may have a decimal comma
         inside = starts == "inside a line"  # the first line may be half of one, and the board have restarted
         self._skip, self._whole, self._boot = inside, False, inside
-        self._may_prime, self._fresh = not inside, True
+        self._fresh = True
         self._opened = at if inside else -math.inf
-        self._window, self.wrong_baud = (at, 0, 0), False
+        self._bytes = self._odd = 0
 
     def interrupted(self) -> int:
         """The end of the line that was being received will not come: 1 if there is one, which is dropped."""
@@ -114,9 +115,6 @@ class LiveLines:
         """The lines that are complete. Take them all before the next bytes."""
         parser, rows = self._parser, self.counts.accepted
         self._boot = received.end - self._opened <= BOOT_SECONDS
-        if self._may_prime and received.data.startswith(b">"):  # all variables of Teleplot at once
-            parser.prime(received.data.decode("utf-8", "replace").splitlines())
-        self._may_prime = False
         if received.silence > _SILENCE:
             if not parser.is_inside_line:
                 self._whole = True
@@ -130,7 +128,10 @@ class LiveLines:
             event = parser.read(line, trusted=trusted)
             event = LineEvent(event.number, "blank", "") if torn else event  # counted, and no more
             yield self._counted(self._judged(event) if trusted else event)
-        self._check_for_noise(received, self.counts.accepted - rows)
+        self._bytes += len(received.data)
+        self._odd += len(received.data) - len(received.data.translate(None, _ODD))
+        if self.counts.accepted > rows:
+            self._bytes = self._odd = 0
 
     def _is_torn(self, line: str) -> bool:
         """Whether it is a first line: it is whole only after a silence, and never becomes a sample."""
@@ -167,15 +168,14 @@ class LiveLines:
         `ERR,OK` is not a header. Where each line names its values, no line above them is one: `a94*2B`.
         """
         text, names, fits = self._parser.line, self._names, event.kind == "row" and not event.issues
-        if is_damaged(text):
-            self._names = ""
-            self._recent.append(DAMAGED)
-            return None
+        text = DAMAGED if is_damaged(text) else text
         if not fits and _are_names(text):
             self._names = text
             return LineEvent(event.number, "text", event.text)  # and not a row of missing samples
         self._names = ""
-        if self._has_numbers(event) and not (names and self._may_be_renamed):
+        channels = self.layout.channels if self.layout else ()
+        has_numbers = fits or any(math.isfinite(row[i]) for row in event.rows for i in channels)
+        if has_numbers and not (names and self._may_be_renamed):
             self._recent.clear()
             return None
         self._recent.append(text)
@@ -188,20 +188,9 @@ class LiveLines:
 
     def _names_columns(self, comment: str) -> bool:
         """Whether a comment names each column of a table without names, as a sketch that restarts writes it."""
-        layout, names = self.layout, comment.lstrip("#").strip()
-        return (
-            layout is not None
-            and self._may_be_renamed
-            and "=" not in names
-            and _are_names(names)
-            and len(re.split(r"[,;\t]", names)) == len(layout.columns)
-        )
-
-    def _has_numbers(self, event: LineEvent) -> bool:
-        """Whether a line is a row with numbers; `a:1,b:2` has only the width of one in a table of two columns."""
-        if event.kind != "row" or not event.issues or self.layout is None:
-            return event.kind == "row"
-        return any(math.isfinite(row[i]) for row in event.rows for i in self.layout.channels)
+        names, width = comment.lstrip("#").strip(), len(self.layout.columns) if self.layout else 0
+        fits = len(re.split(r"[,;\t]", names)) == width and "=" not in names
+        return fits and self._may_be_renamed and _are_names(names)
 
     @property
     def _may_be_renamed(self) -> bool:
@@ -209,18 +198,6 @@ class LiveLines:
         layout = self.layout
         just_opened = self._boot or self._fresh
         return layout is not None and layout.form.kind == "table" and (just_opened or not layout.header_rows)
-
-    def _check_for_noise(self, received: BytesReceived, rows: int) -> None:
-        begin, size, odd = self._window
-        if rows:
-            self._window, self.wrong_baud = (received.end, 0, 0), False
-            return
-        size += len(received.data)
-        odd += len(received.data) - len(received.data.translate(None, _ODD))
-        self._window = (begin, size, odd)
-        if received.end - begin >= _WINDOW and size >= _MIN_BYTES_JUDGED:
-            self.wrong_baud = odd > _ODD_SHARE * size
-            self._window = (received.end, 0, 0)
 
 
 def _are_numbers(text: str) -> bool:

@@ -22,7 +22,6 @@ from kalscope.sources.reading.sniffer import Layout
 # A growing store of samples whose views cost nothing and never change.
 
 
-_FIRST_SIZE = 1 << 14
 _ROOM = 4
 """Old samples leave memory all at once, when `keep / _ROOM` more than `keep` have arrived."""
 
@@ -42,7 +41,7 @@ class SampleStore:
         self._used: int = 0
         self._most = keep + max(keep // _ROOM, 1)
         # Time, then one channel after the other in memory: each is filtered and drawn by itself.
-        self._data = np.empty((1 + channels, min(_FIRST_SIZE, self._most)))
+        self._data = np.empty((1 + channels, 0))
 
     def __len__(self) -> int:
         return self._used
@@ -59,14 +58,17 @@ class SampleStore:
             time: Times, shape (n,).
             values: One row of values per time, shape (n, channels).
         """
-        done = 0
-        while done < len(time):
-            if self._used == self._data.shape[1]:
-                self._make_room()
-            count = min(len(time) - done, self._data.shape[1] - self._used)
-            part, new = slice(done, done + count), slice(self._used, self._used + count)
-            self._data[0, new], self._data[1:, new] = time[part], np.asarray(values[part]).T
-            done, self._used = done + count, self._used + count
+        if not len(time):
+            return
+        new = np.vstack((time, np.transpose(values)))
+        used = self._used + new.shape[1]
+        if used > self._data.shape[1]:
+            leave = used - self.keep if used > self._most else 0
+            new = np.hstack((self._data[:, : self._used], new))[:, leave:]
+            used, self._used, self.first = used - leave, 0, self.first + leave
+            self._data = np.empty((len(new), self._most if leave else min(2 * used, self._most)))
+        self._data[:, self._used : used] = new
+        self._used = used
 
     def widened(self, channels: int, keep: int) -> SampleStore:
         """A store of these rows with more channels, which have no values up to now; this one stays as it is."""
@@ -82,13 +84,6 @@ class SampleStore:
         time.flags.writeable = values.flags.writeable = False
         return time, values
 
-    def _make_room(self) -> None:
-        size = self._data.shape[1]
-        leave = max(self._used - self.keep, 0) if size == self._most else 0
-        data = np.empty((len(self._data), self._most if leave else min(2 * size, self._most)))
-        data[:, : self._used - leave] = self._data[:, leave : self._used]
-        self._data, self._used, self.first = data, self._used - leave, self.first + leave
-
 
 # When the samples of a stream were taken: by the stamps of the board if it sends any, else by their arrival.
 #
@@ -102,7 +97,8 @@ _SOON = 64
 """Rows after which it is judged anyway: a replay may come much faster than it was sampled."""
 _TICK = 1e-6
 """Least step of host time, s."""
-_COUNTERS = (2.0**16, 2.0**32)
+_COUNTER = 2.0**32
+"""Stamps after which a counter of 32 bits wraps: that of `micros()` does every 72 minutes."""
 _STEPS = 4096
 """Steps from which period and jitter are judged."""
 _PAUSE = 0.5
@@ -134,7 +130,11 @@ class LiveTime:
         """
         self._turn_s = 0.0 if column is None else column.turn_s
         self._file_period = file_period
-        self._scale = _scale_of(column)
+        # Calendar stamps and clocks are parsed to µs.
+        unit = "" if column is None else column.unit if column.kind == "number" else "us"
+        self._scale = SECONDS_PER_UNIT.get(
+            unit
+        )  # s in one unit of the stamps; None where the board does not name it
         self._pending: list[ArrivedRow] | None = None if column is None or self._scale else []
         self._time: float | None = None  # of the last row
         self._host = 0.0
@@ -183,21 +183,10 @@ class LiveTime:
         if not steps.any():
             return None
         median = float(np.median(steps))
-        if self._scale is None:
-            longest = max(_PAUSE, 20 * steps.mean())
-        elif median > 10 * self._scale:
+        if self._scale and median > 10 * self._scale:
             return median
-        else:
-            longest = 5 * max(median, self._scale)
+        longest = 5 * max(median, self._scale) if self._scale else max(_PAUSE, 20 * steps.mean())
         return float(steps[steps <= longest].mean()) or median or None
-
-    @property
-    def jitter(self) -> float | None:
-        """Half the width that holds nine of ten steps, in s; None before there are ten."""
-        if len(self._steps) < 10:
-            return None
-        low, high = np.percentile(self._steps, (5, 95))
-        return round(float(high - low) / 2, 9)  # less is only the rounding of the stamps
 
     def _is_scale_known(self, rows: Sequence[ArrivedRow]) -> bool:
         """Whether it was found what one unit of the stamps is, or that they are not a time."""
@@ -253,21 +242,9 @@ class LiveTime:
         step = stamp - self._stamp
         if self._turn_s:
             return self._turn_s if step < -self._turn_s / 2 else 0.0
-        if step < 0 <= stamp and not self._file_period:
-            for size in _COUNTERS:
-                turn = size * (self._scale or 1.0)
-                if self._stamp < turn and abs(step + turn - waited) <= 1.0 + 0.5 * waited:
-                    return turn
-        return 0.0
-
-
-def _scale_of(column: TimeColumn | None) -> float | None:
-    """Seconds in one unit of the stamps as they are parsed; None if the board does not name it."""
-    if column is None:
-        return None
-    if column.kind != "number":
-        return 1e-6  # calendar stamps and clocks are parsed to µs
-    return SECONDS_PER_UNIT[column.unit] if column.unit else None
+        turn = _COUNTER * (self._scale or 1.0)
+        wraps = step < 0 <= stamp and not self._file_period and abs(step + turn - waited) <= 1.0 + 0.5 * waited
+        return turn if wraps else 0.0
 
 
 # The samples of a live source: the names of their channels, their times, and a view of all of them.

@@ -14,6 +14,7 @@ import math
 import os
 import threading
 import time
+from collections import deque
 from collections.abc import Callable, Iterable
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -32,7 +33,7 @@ from kalscope.sources.live.samples import LiveSamples, Snapshot
 from kalscope.sources.port.reader import BytesReceived, Item, Opened, PortReader, Word
 from kalscope.sources.port.registry import PortSpec, port_of
 from kalscope.sources.reading.line_reader import LineEvent
-from kalscope.sources.recorder import Recorder, RecorderCounts, StampedLine
+from kalscope.sources.recorder import Recorder, StampedLine
 
 # Commands to a board: one line is sent, lines with # that follow are the reply.
 
@@ -88,10 +89,7 @@ class CommandChannel:
         """
         data = line.encode("utf-8") + b"\n"
         if len(data) > MAX_COMMAND_BYTES or not line.isprintable():
-            raise BadSetting(
-                f"what is sent must be one line of at most {MAX_COMMAND_BYTES - 1} bytes"
-                f" (got {len(data) - 1} in {line[:80]!r})"
-            )
+            raise BadSetting(f"commands must be lines of at most {MAX_COMMAND_BYTES - 1} bytes (got {line!r:.80})")
         with self._one_at_a_time:
             self._remarks, self._is_gone = Queue(_MAX_REMARKS), False
             try:
@@ -114,9 +112,7 @@ class CommandChannel:
             finally:
                 self._remarks = None
         if not replies:
-            raise BadDevice(
-                f"the board did not answer {line!r} within {timeout:g} s: is the exported sketch on it?"
-            )
+            raise BadDevice(f"the board did not answer {line!r} within {timeout:g} s: is an exported sketch on it?")
         return tuple(replies)
 
     def on_events(self, events: Iterable[LineEvent], row: int, generation: int) -> None:
@@ -147,24 +143,12 @@ class CommandChannel:
 # The status of a live source: its counts, and a sentence for the user if something is wrong.
 
 
-_RATE_OVER = 1.0
-"""Seconds over which the lines per second are averaged at least, and half of those at most."""
+_RATE_OVER = 2.0
+"""Seconds over which the lines per second are averaged."""
 _SILENT_AFTER = 5.0
 """Seconds after which a source that should send is reported as silent."""
 _MIN_LINES_JUDGED = 20
 """Lines among which one with numbers is expected."""
-
-
-@dataclass(frozen=True)
-class RecordingStatus:
-    """The status of an active recording."""
-
-    name: str
-    """Name of the file that is written now, without its folder."""
-    counts: RecorderCounts
-    """Its counts: received = written + rejected + dropped, always."""
-    error: str
-    """What keeps lines from reaching the disk; "" where nothing does."""
 
 
 @dataclass(kw_only=True)
@@ -181,56 +165,10 @@ class LiveStatus(LineCounts):
     """Lines a second, over the last 2 s."""
     period: float | None
     """Measured sample period in s, the median step; None before two samples."""
-    jitter: float | None
-    """Half the width that holds nine of ten steps, in s; None before ten steps."""
     reconnects: int
     """How many times the port was opened again."""
-    left_memory: int
-    """Samples of this generation that are no longer kept."""
-    max_read_latency: float
-    """The longest time by which a read of the port was late, s."""
-    recording: RecordingStatus | None
-    """The active recording; None if there is none."""
-
-
-def hint_of(reader: PortReader, counts: LineCounts, *, noise: bool) -> str:
-    """What is wrong with a port and what to do, in a sentence; "" where nothing is.
-
-    Args:
-        reader: The reader of the port.
-        counts: The lines that arrived.
-        noise: Whether the bytes are not text.
-    """
-    state, check = reader.state, reader.port.when_silent if reader.port else ""
-    seconds = reader.clock.monotonic() - reader.received_at
-    if state.reason:
-        return state.reason
-    if check and seconds >= _SILENT_AFTER:
-        return f"nothing has arrived for more than {_SILENT_AFTER:g} s: {check}"
-    if noise:
-        cause = f": is {reader.spec.baud} the right baud rate?" if reader.spec.transport.has_baud else ""
-        return f"the data is not text{cause}"
-    if state.word == "connected" and counts.received - counts.overrun > _MIN_LINES_JUDGED and not counts.accepted:
-        return "lines arrive, but none has numbers"
-    if state.word == "connected" and counts.overrun:
-        return f"the port sends faster than it can be read: {count(counts.overrun)} lines dropped"
-    return ""
-
-
-class LineRate:
-    """Lines a second over the last one to two seconds. One thread writes, any may read."""
-
-    def __init__(self) -> None:
-        self._marks = ((-math.inf, 0), (-math.inf, 0))
-        self.now = 0.0
-        """Lines a second."""
-
-    def note(self, at: float, received: int) -> None:
-        """Note how many lines had arrived at the monotonic time `at`, s."""
-        (begin, old), (last, _) = self._marks
-        if at - last > _RATE_OVER:
-            self._marks = self._marks[1], (at, received)
-        self.now = (received - old) / (at - begin) if at > begin else 0.0
+    recording: Recorder | None
+    """The active recorder; None if there is none."""
 
 
 # The source.
@@ -240,8 +178,6 @@ MAX_WAITING_BYTES = 1 << 20
 """Bytes that may wait to be parsed: 91 s of a port at 115200 baud. Beyond that lines are left out."""
 TICK = 0.1
 """Seconds without a line after which the second thread updates the recorder and the rate."""
-MAX_CLOSE_S = 0.5
-"""Seconds from the call of `close` in which waiting lines are processed; the rest is dropped, and counted."""
 _PART_OF_A_LINE = 0.25
 """Most seconds before a read in which its first line may have begun to arrive."""
 
@@ -273,8 +209,6 @@ class LiveSource:
         if keep < 1:
             raise BadSetting(f"keep must be at least 1 sample (got {keep})")
         self.spec = port_of(spec) if isinstance(spec, str) else spec
-        self.reconnect = reconnect
-        """Whether the port is opened again when the board comes back."""
         self.recorder: Recorder | None = None
         """The active recorder; None if there is none."""
         self._reader = reader or PortReader(self.spec, reconnect=reconnect)
@@ -283,12 +217,13 @@ class LiveSource:
         self._samples = LiveSamples(self.spec, keep, options.rate, options.time_unit)
         self._lock = threading.Lock()  # of the lines and of the samples
         self._counts = LineCounts()  # of the lines whose samples are stored: the status agrees with the snapshot
-        self._rate = LineRate()
+        self._arrived: deque[tuple[float, int]] = deque()  # (monotonic time in s, lines until then) of late
+        self._lines_per_s = 0.0
         self._thread: threading.Thread | None = None
         self._stop = threading.Event()
-        self._end_by = math.inf
         self._failure = ""
         self._disconnected_at: float | None = None
+        self._left_out_s = 0.0  # seconds in which what arrives is left out, as too much waits
         self._line_at = -math.inf  # when the last whole line had arrived: a read may hold only part of one
         self.commands = CommandChannel(self._reader.write)
         """What is sent to the board, and its remarks."""
@@ -305,7 +240,7 @@ class LiveSource:
         if self._thread is not None:
             return
         self._reader.start(require=require)
-        self._stop, self._end_by = threading.Event(), math.inf
+        self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, args=(self._stop,), name="kalscope lines", daemon=True)
         self._thread.start()
 
@@ -323,7 +258,6 @@ class LiveSource:
         Args:
             timeout: Seconds to wait for an attempt to connect over the network; the recording ends in any case.
         """
-        self._end_by = self._clock.monotonic() + MAX_CLOSE_S
         self._reader.close(timeout)
         self._stop.set()
         thread, self._thread = self._thread, None
@@ -347,20 +281,33 @@ class LiveSource:
     def status(self) -> LiveStatus:
         """The current status."""
         with self._lock:
-            reader, state, time, recorder = self._reader, self._reader.state, self._samples.time, self.recorder
+            state = self._reader.state
             return LiveStatus(
                 **vars(self._counts),
                 word=state.word,
-                hint=self._failure or hint_of(reader, self._counts, noise=self._lines.wrong_baud),
+                hint=self._failure or self._hint(),
                 port=state.device,
-                lines_per_s=self._rate.now if state.word == "connected" else 0.0,
-                period=time.period,
-                jitter=time.jitter,
+                lines_per_s=self._lines_per_s if state.word == "connected" else 0.0,
+                period=self._samples.time.period,
                 reconnects=max(state.opened - 1, 0),
-                left_memory=self._samples.store.first,
-                max_read_latency=reader.max_read_latency,
-                recording=recorder and RecordingStatus(recorder.paths[-1].name, recorder.counts, recorder.error),
+                recording=self.recorder,
             )
+
+    def _hint(self) -> str:
+        """What is wrong with the port and what to do, in a sentence; "" where nothing is."""
+        reader, counts = self._reader, self._counts
+        check = reader.port.when_silent if reader.port else ""
+        if reader.state.reason:
+            return reader.state.reason
+        if check and self._clock.monotonic() - reader.received_at >= _SILENT_AFTER:
+            return f"nothing has arrived for more than {_SILENT_AFTER:g} s: {check}"
+        if self._lines.wrong_baud:
+            has_baud = reader.spec.transport.has_baud
+            return "the data is not text" + (f": is {reader.spec.baud} the right baud rate?" if has_baud else "")
+        if reader.state.word == "connected" and counts.overrun:
+            return f"the port sends faster than it can be read: {count(counts.overrun)} lines dropped"
+        is_text = reader.state.word == "connected" and counts.received > _MIN_LINES_JUDGED and not counts.accepted
+        return "lines arrive, but none has numbers" if is_text else ""
 
     def record(self, path: str | os.PathLike[str]) -> Recorder:
         """Write every line from now on to a new file, raw, before it is shown.
@@ -401,29 +348,30 @@ class LiveSource:
 
     def _run(self, stop: threading.Event) -> None:
         while True:
-            is_late = self._clock.monotonic() > self._end_by
-            is_over = stop.is_set() and (is_late or self._reader.port is None)
+            is_over = stop.is_set()  # then all that was read is in the queue
             try:
                 item = self._reader.items.get(timeout=TICK)
             except Empty:
                 self._write([])
-                self._rate.note(self._clock.monotonic(), self._lines.counts.received)
+                self._note_rate(self._clock.monotonic())
                 if is_over:
                     return
                 continue
             try:
-                self._handle(item, is_late=is_late)
+                self._handle(item)
             except Exception as error:  # the thread must go on: without it nothing would be read, nor said
                 self._failure = f"an error of Kalscope left lines out ({type(error).__name__}: {error})"
             with self._lock:
                 self._counts = replace(self._lines.counts)
 
-    def _handle(self, item: Item, *, is_late: bool = False) -> None:
-        if isinstance(item, BytesReceived) and (is_late or self._reader.waiting > MAX_WAITING_BYTES):
-            self._leave_out(item, 0 if is_late else MAX_WAITING_BYTES // 2)
-        elif isinstance(item, BytesReceived):
+    def _handle(self, item: Item) -> None:
+        if isinstance(item, BytesReceived):
             self._reader.taken += len(item.data)
-            self._take(item)
+            most = MAX_WAITING_BYTES // 2 if self._left_out_s else MAX_WAITING_BYTES  # one gap, not a hundred
+            if self._reader.waiting > most:
+                self._leave_out(item)
+            else:
+                self._take(item)
         elif isinstance(item, Opened):
             self._on_opened(item)
         else:
@@ -432,24 +380,12 @@ class LiveSource:
             if not self._samples.kept:  # else the rest of the line may follow
                 self._interrupt()
 
-    def _leave_out(self, item: BytesReceived, most: int) -> None:
-        """Leave out all that waits now but so many bytes: one gap, not a hundred."""
-        begin, end, data, following = item.begin, item.end, bytearray(), item
-        count = self._reader.waiting - most
-        while isinstance(following, BytesReceived):
-            end = following.end
-            data += following.data
-            self._reader.taken += len(following.data)
-            following = self._reader.items.get() if len(data) < count else None
-        cut = data.rfind(b"\n") + 1 or len(data)  # whole lines, so that the next one is not torn
+    def _leave_out(self, item: BytesReceived) -> None:
         with self._lock:
-            dropped = self._lines.overrun(bytes(data[:cut]))
+            dropped = self._lines.overrun(item.data)
             self._samples.time.interrupt()
-        self._note_loss(dropped, "overrun", end - begin)
-        if rest := bytes(data[cut:]):
-            self._take(BytesReceived(rest, end, end, 0.0))
-        if following is not None:
-            self._handle(following)
+        self._note_loss(dropped)
+        self._left_out_s += item.end - item.begin
 
     def _on_opened(self, event: Opened) -> None:
         self._line_at, lost_at, self._disconnected_at = event.at, self._disconnected_at, None
@@ -470,9 +406,12 @@ class LiveSource:
 
     def _take(self, received: BytesReceived) -> None:
         """Write the lines, then show their samples and count them in one step."""
+        if self._left_out_s:
+            self._note_loss(0, "overrun", self._left_out_s)
+            self._left_out_s = 0.0
         with self._lock:
             batch = [(event, self._lines.layout) for event in self._lines.feed(received)]
-        self._rate.note(received.end, self._lines.counts.received)
+        self._note_rate(received.end)
         if not batch:
             return
         begin, self._line_at = max(self._line_at, received.begin - _PART_OF_A_LINE), received.end
@@ -486,6 +425,14 @@ class LiveSource:
                 if (layout := run[0][2]) is not None:
                     samples.keep([(at, event) for at, event, _ in run], layout)
             self._counts = replace(self._lines.counts)
+
+    def _note_rate(self, at: float) -> None:
+        arrived = self._arrived
+        arrived.append((at, self._lines.counts.received))
+        while at - arrived[0][0] > _RATE_OVER:
+            arrived.popleft()
+        (begin, before), (_, received) = arrived[0], arrived[-1]
+        self._lines_per_s = (received - before) / (at - begin) if at > begin else 0.0
 
     def _write(self, stamped: list[StampedLine]) -> None:
         if recorder := self.recorder:

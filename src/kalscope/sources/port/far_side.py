@@ -33,10 +33,6 @@ MAX_BEFORE = 64
 _POLL = 0.1
 
 
-class Replaced(OSError):
-    """The file was cut short, or another one has its name: it is to be read again, from its beginning."""
-
-
 class GrowingFile:
     """Reads a file, and what is added to it."""
 
@@ -63,12 +59,11 @@ class GrowingFile:
         """The next bytes, PIECE at most; b"" where there are none yet.
 
         Raises:
-            Replaced: What follows is in another file.
-            OSError: It cannot be read from the disk.
+            OSError: It was replaced or cut short, or cannot be read from the disk.
         """
         data = self._file.read(PIECE)
         if not data and self._is_replaced():
-            raise Replaced("it was replaced or cut short, and is read from its beginning")
+            raise OSError("it was replaced or cut short, and is read from its beginning")
         self.place = moved(self.place, data)
         return data
 

@@ -10,6 +10,7 @@ import time
 from abc import abstractmethod
 from collections.abc import Callable
 from contextlib import suppress
+from functools import partial
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 from urllib.parse import unquote
@@ -58,19 +59,19 @@ def _marked(line: str) -> str:
 
 
 HOLD_S = 0.5
-"""Seconds for which the first variables are held: a board sends all at once, a broker all retained messages."""
+"""Seconds for which the first variables are held: a board sends all at once."""
 
 
 class MessagePort(OpenPort):
     """A port of whole messages, gathered as lines.
 
-    The first ones are held until each variable of Teleplot has likely come once: a board of six would begin with
-    one, then two, then three, and each time the charts would start again, with a new part of the recording.
+    The first read waits until each variable of Teleplot has likely come once: a board of six would begin with one,
+    then two, then three, and each time the charts would start again, with a new part of the recording.
     """
 
     starts = "at a line"
 
-    _held_until = 0.0
+    _begun = False
     lines: bytes = b""
     """What was gathered, and not fetched yet."""
 
@@ -81,11 +82,10 @@ class MessagePort(OpenPort):
     def fetch(self) -> bytes:
         """Lines of the messages that have arrived; see OpenPort."""
         self.gather()
-        now = time.monotonic()
-        if self.lines and not self._held_until:
-            self._held_until = now + (HOLD_S if self.lines.startswith(b">") else 0.0)
-        if now < self._held_until and len(self.lines) < MAX_READ_BYTES:
-            return b""
+        if self.lines and not self._begun:
+            self._begun, end = True, time.monotonic() + HOLD_S
+            while self.lines.startswith(b">") and len(self.lines) < MAX_READ_BYTES and time.monotonic() < end:
+                self.gather()
         data, self.lines = self.lines, b""
         return data
 
@@ -102,18 +102,16 @@ MAX_TOPIC = 200
 """Characters of the name that a topic gives to its channels; the rest is cut off."""
 
 _CELLS = re.compile(r"[,;\s]+")
-_NO_NAME = re.compile(r"[:;]")
-_NO_MARK = re.compile(r"[>|§\x00-\x1f\x7f]")
+_NO_NAME = re.compile(r"[:;>|§\x00-\x1f\x7f]")
 
 
-def topic_lines(subscribed: str, topic: str, payload: bytes, *, retained: bool = False) -> bytes:
+def topic_lines(subscribed: str, topic: str, payload: bytes) -> bytes:
     r"""The lines of one message, each with its \n.
 
     Args:
         subscribed: What is subscribed to: one topic, or several by + and #.
         topic: Its topic.
         payload: What it holds.
-        retained: Whether the broker had kept it: a value of unknown age, of which only the names are used.
     """
     levels, wild = topic.split("/"), [i for i, level in enumerate(subscribed.split("/")) if level in ("+", "#")]
     name = _printable("/".join(levels[wild[0] if wild else -1 :] or levels[-1:])).strip() or "topic"
@@ -124,17 +122,15 @@ def topic_lines(subscribed: str, topic: str, payload: bytes, *, retained: bool =
     text = " ".join(payload.decode("utf-8", "replace").split())
     values = _values(text)
     if not wild and [of for of, _, _ in values] != [""]:
-        return f"# retained: {text}\n".encode() if retained else lines_of(payload)
+        return lines_of(payload)
     if not values:
         return _line(name, f"{text}|t")
-    if retained:
-        return b"".join(_line(name + of, "") for of, _, _ in values)
     return b"".join(_line(name + of, value + (f"§{unit}" if unit else "")) for of, value, unit in values)
 
 
 def _printable(name: str) -> str:
-    """A name without the marks of a line of Teleplot: a MAC address is AA-BB, not AA:BB."""
-    return _NO_MARK.sub("_", _NO_NAME.sub("-", name))[:MAX_TOPIC]
+    """A name without the marks of a line of Teleplot: a MAC address is AA_BB, not AA:BB."""
+    return _NO_NAME.sub("_", name)[:MAX_TOPIC]
 
 
 def _line(name: str, value: str) -> bytes:
@@ -169,8 +165,6 @@ PORT, TLS_PORT = 1883, 8883
 """Ports of mqtt:// and mqtts:// where the address names none."""
 KEEP_ALIVE = 15
 """Seconds without a packet after which the broker is pinged."""
-MAX_MESSAGE = 8 << 20
-"""Bytes of a message beyond which the connection is given up: it cannot be refused in any other way."""
 _REFUSED = 128
 """The lowest reason code of MQTT by which a broker refuses."""
 
@@ -188,9 +182,7 @@ def mqtt_parts(address: str) -> re.Match[str]:
     """
     match = _ADDRESS.fullmatch(address)
     if match is None or not 1 <= int(match[5] or PORT) <= 65_535:
-        raise BadSetting(
-            f"an address must be mqtt://broker/topic or mqtt://user@broker:port/topic (got {quoted(address)})"
-        )
+        raise BadSetting(f"an address must be mqtt://[user@]broker[:port]/topic (got {quoted(address)})")
     try:
         import_module("paho.mqtt.client")
     except ImportError:
@@ -215,9 +207,8 @@ class MqttPort(MessagePort):
     prefixes = ("mqtt://", "mqtts://")
     check = staticmethod(mqtt_parts)
 
-    def __init__(self, spec: PortSpec, is_ended: Callable[[], bool], last: OpenPort | None) -> None:
+    def __init__(self, spec: PortSpec, is_ended: Callable[[], bool], _last: OpenPort | None) -> None:
         """Connect and subscribe; see OpenPort."""
-        del last
         paho: Any = import_module("paho.mqtt.client")
         match = mqtt_parts(spec.url)
         tls, self._host = match[1].lower() == "mqtts", match[3] or match[4]
@@ -265,10 +256,8 @@ class MqttPort(MessagePort):
         self._answer = max((code.value for code in codes), default=_REFUSED)
 
     def _take(self, _client: Any, _data: Any, message: Any) -> None:
-        topic = "topic"
-        with suppress(UnicodeDecodeError):
-            topic = message.topic
-        self.lines += topic_lines(self._topic, topic, message.payload, retained=bool(message.retain))
+        if not message.retain:  # else the broker had kept it: a value of unknown age
+            self.lines += topic_lines(self._topic, message.topic, message.payload)
 
     def gather(self) -> None:
         """Take what has arrived."""
@@ -288,9 +277,6 @@ class MqttPort(MessagePort):
         is_lost = self._client.loop(timeout) != 0
         if is_lost and not self.lines and (self._answer or 0) < _REFUSED:
             raise OSError("the broker closed the connection")
-        coming = getattr(self._client, "_in_packet", {}).get("remaining_length", 0)
-        if coming > MAX_MESSAGE:
-            raise BadDevice(f"a message of {coming} bytes comes from {self._host}: at most {MAX_MESSAGE} are read")
 
     def close(self) -> None:
         """Disconnect from the broker."""
@@ -319,15 +305,12 @@ class UdpPort(MessagePort):
     """A port of this machine, on one interface or on all."""
 
     prefixes = ("udp://",)
+    check = staticmethod(partial(host_and_port, default=LOOPBACK))
 
-    def __init__(self, spec: PortSpec, is_ended: Callable[[], bool], last: OpenPort | None) -> None:
+    def __init__(self, spec: PortSpec, _is_ended: Callable[[], bool], _last: OpenPort | None) -> None:
         """Bind it; see OpenPort."""
-        del is_ended, last
-        host, port = self.check(spec.url)
-        self.when_silent = (
-            f"does the board send to this address, and do all firewalls let it? udp://0.0.0.0:{port} is open to all"
-            " networks of this computer"
-        )
+        host, port = host_and_port(spec.url, LOOPBACK)
+        self.when_silent = f"do firewalls let the board reach it? udp://0.0.0.0:{port} is open to all networks"
         family = socket.AF_INET6 if ":" in host else socket.AF_INET
         self._socket = socket.socket(family, socket.SOCK_DGRAM)
         try:
@@ -336,11 +319,6 @@ class UdpPort(MessagePort):
         except BaseException:
             self.close()
             raise
-
-    @staticmethod
-    def check(address: str) -> tuple[str, int]:
-        """The interface and the port of an address; see OpenPort."""
-        return host_and_port(address, LOOPBACK)
 
     def gather(self) -> None:
         """Take what has arrived."""

@@ -239,8 +239,6 @@ class PortReader:
         """Bytes that the consumer has taken out of the queue and processed; the consumer counts them."""
         self.state = PortState("closed", device=spec.url)
         """The current state of the port."""
-        self.max_read_latency = 0.0
-        """The longest time by which a read returned late, s."""
         self.port: OpenPort | None = None
         """What is open, as long as it may still be read."""
         self.received_at = 0.0
@@ -348,12 +346,9 @@ class PortReader:
                 if self.waiting > (_KEPT_BYTES if port.keeps else _MOST_BYTES):
                     stop.wait(_PAUSE)
                     continue
-                due = now + READ_TIMEOUT
                 with _one_sentence(f"{self.state.device} was lost", check):
                     data = port.fetch()
                 now = clock()
-                if not port.keeps:
-                    self.max_read_latency = max(self.max_read_latency, now - due)
                 if not data:
                     # Not `now - before`: a machine that stalls in a read receives nothing either.
                     silence = min(silence + READ_TIMEOUT, now - before)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from kalscope.errors import BadSetting
 from kalscope.sources.port.messages import MqttPort, UdpPort
 from kalscope.sources.port.reader import OpenPort, quoted, refuse_password
-from kalscope.sources.port.serial_port import SerialPort, SocketPort, is_serial_device
+from kalscope.sources.port.serial_port import PORT_NAME, SerialPort, SocketPort
 from kalscope.sources.port.ssh import FilePort, SshPort
 
 TRANSPORTS: tuple[type[OpenPort], ...] = (SerialPort, SshPort, SocketPort, UdpPort, MqttPort, FilePort)
@@ -90,7 +90,7 @@ class PortSpec:
 def is_live(spec: str) -> bool:
     """True where `spec` names a port that streams, false where it names something finished: a file, a sample."""
     text = spec.strip()
-    return named_transport(text) is not None or is_serial_device(_split_baud(text)[0])
+    return named_transport(text) is not None or PORT_NAME.fullmatch(_split_baud(text)[0]) is not None
 
 
 def port_of(text: str, *, default_baud: str = str(DEFAULT_BAUD), reset: bool = True) -> PortSpec:

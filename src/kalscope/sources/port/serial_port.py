@@ -31,8 +31,6 @@ class PortInfo:
     """What the system calls it; "" where it gives no description."""
     serial_number: str
     """USB serial number, by which a board is found again under another name; "" where there is none."""
-    manufacturer: str = ""
-    """Maker of the USB chip or board; "" where unknown."""
     usb: tuple[int, int] | None = None
     """USB numbers of maker and product; None where it is not a USB port."""
 
@@ -45,7 +43,7 @@ def list_ports() -> tuple[PortInfo, ...]:
 
 
 def _info(port: Any) -> PortInfo:
-    texts = (port.device, port.description, port.serial_number, port.manufacturer)
+    texts = (port.device, port.description, port.serial_number)
     usb = None if port.vid is None or port.pid is None else (port.vid, port.pid)
     return PortInfo(*("" if text in (None, "n/a") else str(text) for text in texts), usb=usb)
 
@@ -76,9 +74,8 @@ class SocketPort(OpenPort):
     prefixes = ("tcp://", "socket://")
     check = staticmethod(host_and_port)
 
-    def __init__(self, spec: PortSpec, is_ended: Callable[[], bool], last: OpenPort | None) -> None:
+    def __init__(self, spec: PortSpec, _is_ended: Callable[[], bool], _last: OpenPort | None) -> None:
         """Connect; see OpenPort."""
-        del is_ended, last  # the system's connect cannot be interrupted
         self._socket = socket.create_connection(host_and_port(spec.url), CONNECT_TIMEOUT)
         self._socket.settimeout(READ_TIMEOUT)  # and no select(), which fails beyond 1,024 open files
 
@@ -108,21 +105,8 @@ WRITE_TIMEOUT = 2.0
 """Seconds after which a write that is not accepted fails."""
 _WINDOWS_BUFFER = 1 << 20  # the driver's own 4096 bytes are full after 0.36 s at 115200 baud
 
-_DEVICE = re.compile(r"(?:\\\\\.\\)?COM[0-9]+|/dev/(?:tty|cu|pts/|serial/|rfcomm).*", re.IGNORECASE | re.DOTALL)
-
-
-def is_serial_device(text: str) -> bool:
-    """Whether a text is the name of a serial port and of nothing else."""
-    return _DEVICE.fullmatch(text) is not None
-
-
-def new_port(device: str, **settings: Any) -> Any:
-    """A closed port of pyserial, which locks it."""
-    import serial
-
-    # A lock that other careful programs respect. Windows locks without being asked.
-    lock = None if sys.platform == "win32" else True
-    return serial.serial_for_url(device, do_not_open=True, exclusive=lock, **settings)
+PORT_NAME = re.compile(r"(?:\\\\\.\\)?COM[0-9]+|/dev/(?:tty|cu|pts/|serial/|rfcomm).*", re.IGNORECASE | re.DOTALL)
+"""Names of serial ports and of nothing else."""
 
 
 def open_failure(device: str, baud: int, error: BaseException) -> str:
@@ -131,10 +115,9 @@ def open_failure(device: str, baud: int, error: BaseException) -> str:
     if number == errno.ENOENT or "FileNotFoundError" in text:
         known = ", ".join(port.device for port in list_ports()) or "no serial port at all"
         return f"port {device} is not plugged in (the system lists {known})"
-    is_refused = number in (errno.EACCES, errno.EPERM) or "PermissionError" in text
-    if is_refused and sys.platform != "win32":
+    if number in (errno.EACCES, errno.EPERM) and sys.platform != "win32":
         return f"no permission to open port {device} (on Linux: sudo usermod -aG dialout $USER, then log in again)"
-    if is_refused or number in (errno.EBUSY, errno.EAGAIN) or "exclusively lock" in text:
+    if number in (errno.EBUSY, errno.EAGAIN) or "exclusively lock" in text or "PermissionError" in text:  # Windows
         return f"port {device} is in use by another program: close it there, as in the Serial Monitor"
     return f"port {device} cannot be opened at {baud} baud ({short(error)})"
 
@@ -146,18 +129,20 @@ class SerialPort(OpenPort):
     has_baud = True
     when_lost = "was the board unplugged, or does another program read this port?"
 
-    def __init__(self, spec: PortSpec, is_ended: Callable[[], bool], last: OpenPort | None) -> None:
+    def __init__(self, spec: PortSpec, _is_ended: Callable[[], bool], last: OpenPort | None) -> None:
         """Open it; see OpenPort."""
-        del is_ended  # a driver opens at once
+        import serial
+
         self.serial_number: str = last.serial_number if isinstance(last, SerialPort) else ""
         listed = list_ports()
         same = [info.device for info in listed if info.serial_number == self.serial_number != ""]
         self.device = same[0] if same and os.path.realpath(spec.url) not in same else spec.url
         self._port: Any = None
         try:
-            self._port = new_port(
-                self.device, baudrate=spec.baud, timeout=READ_TIMEOUT, write_timeout=WRITE_TIMEOUT
-            )
+            # A lock that other careful programs respect. Windows locks without being asked.
+            lock = None if sys.platform == "win32" else True
+            self._port = serial.serial_for_url(self.device, baudrate=spec.baud, do_not_open=True, exclusive=lock)
+            self._port.timeout, self._port.write_timeout = READ_TIMEOUT, WRITE_TIMEOUT
             if not spec.reset:
                 self._port.dtr = self._port.rts = False
             self._port.open()

@@ -12,6 +12,7 @@ from __future__ import annotations
 import json
 import re
 import subprocess
+import tempfile
 import threading
 import time
 from collections.abc import Callable
@@ -43,9 +44,8 @@ class FilePort(GrowingFile, OpenPort):
     prefixes = (FILE_PREFIX,)
     keeps = True
 
-    def __init__(self, spec: PortSpec, is_ended: Callable[[], bool], last: OpenPort | None) -> None:
+    def __init__(self, spec: PortSpec, _is_ended: Callable[[], bool], last: OpenPort | None) -> None:
         """Open the file; see OpenPort."""
-        del is_ended  # a file opens at once
         self.device = spec.url[len(FILE_PREFIX) :]
         super().__init__(self.device, last.place if isinstance(last, FilePort) else (0, b""))
         self.starts = "where it stopped" if self.place[0] else "at a line"
@@ -82,7 +82,6 @@ _MAX_GREETING = 1 << 16
 """Bytes that a login shell may print before the first answer."""
 _MAX_WAITING = 64
 """Pieces of at most MAX_READ_BYTES that wait to be fetched."""
-_MAX_ERRORS = 4096
 _END_S = 0.5
 """Seconds that ssh has to end by itself."""
 _CONNECTION_FAILED = 255
@@ -97,10 +96,7 @@ def ssh_parts(address: str) -> re.Match[str]:
     """The parts of an address: user, host, port and path; raises BadSetting where it is malformed."""
     match = _ADDRESS.fullmatch(address)
     if match is None or not 1 <= int(match[3] or 22) <= 65_535 or not unquote(match[4]).isprintable():
-        raise BadSetting(
-            "an address must be ssh://host/path, ssh://user@host:port/path, with letters, digits and . _ - in"
-            f" user and host, a port from 1 to 65535 and a printable path (got {quoted(address)})"
-        )
+        raise BadSetting(f"an address must be ssh://[user@]host[:port]/path (got {quoted(address)})")
     return match
 
 
@@ -114,12 +110,12 @@ def ssh_arguments(program: str, address: str) -> list[str]:
 def ssh_failure(address: str, status: int, errors: str) -> str:
     """Why ssh ended, with this exit status and this text on its standard error."""
     user, host, _, _ = ssh_parts(address).groups()
-    login = f"{user}@{host}" if user else host
     last = short(errors.strip().rpartition("\n")[2]) or f"status {status}"
     if status == 0:
         return f"{address} is gone: the board was unplugged, or the file was replaced"
     if status != _CONNECTION_FAILED:
         return f"{host} cannot read it there: {last} (a port needs your user in the group dialout, and python3)"
+    login = f"{user}@{host}" if user else host
     return (
         f"there is no connection to {host} ({last}): does ssh {login} work in a terminal? Compare and accept the"
         f" host key there, and copy your key by ssh-copy-id {login}: no password can be typed here"
@@ -145,21 +141,21 @@ class SshPort(OpenPort):
         """Of a file, as in `GrowingFile`."""
         self._alive_at = time.monotonic()
         self._pieces: Queue[bytes] = Queue(_MAX_WAITING)
-        self._errors = self._unread = b""
+        self._unread = b""
+        self._errors = tempfile.TemporaryFile()  # noqa: SIM115 (until close): a pipe would need a thread of its own
         window = getattr(subprocess, "CREATE_NO_WINDOW", 0) | getattr(subprocess, "CREATE_NEW_PROCESS_GROUP", 0)
         pipe = subprocess.PIPE
         self._ssh = subprocess.Popen(
             ssh_arguments(program, spec.url),
             stdin=pipe,
             stdout=pipe,
-            stderr=pipe,
+            stderr=self._errors,
             bufsize=0,
             start_new_session=True,  # this program handles Ctrl+C
             creationflags=window,  # the same on Windows
         )
-        self._threads = [threading.Thread(target=work, daemon=True) for work in (self._pump, self._note)]
-        for thread in self._threads:
-            thread.start()
+        self._thread = threading.Thread(target=self._pump, daemon=True)
+        self._thread.start()
         try:
             self._send(self._request(spec))
             position = self._answer(is_ended)
@@ -202,10 +198,6 @@ class SshPort(OpenPort):
             data = output.read(MAX_READ_BYTES)
             self._pieces.put(data)
 
-    def _note(self) -> None:
-        while data := cast("IO[bytes]", self._ssh.stderr).read(1024):
-            self._errors = (self._errors + data)[-_MAX_ERRORS:]
-
     def _send(self, data: bytes) -> None:
         with suppress(OSError, ValueError):  # ssh has ended: its exit status says why
             cast("IO[bytes]", self._ssh.stdin).write(data)
@@ -231,9 +223,9 @@ class SshPort(OpenPort):
     def _failure(self) -> str:
         with suppress(subprocess.TimeoutExpired):
             self._ssh.wait(_END_S)
-        self._threads[1].join(_END_S)
         status = _CONNECTION_FAILED if self._ssh.returncode is None else self._ssh.returncode
-        return ssh_failure(self._address, status, self._errors.decode("utf-8", "replace"))
+        self._errors.seek(0)
+        return ssh_failure(self._address, status, self._errors.read().decode("utf-8", "replace"))
 
     def write(self, data: bytes) -> None:
         """Send to the board."""
@@ -245,14 +237,11 @@ class SshPort(OpenPort):
         """End ssh and what it runs on the other machine, which ends with its standard input."""
         with suppress(OSError):
             cast("IO[bytes]", self._ssh.stdin).close()
-        self._ssh.terminate()
-        with suppress(subprocess.TimeoutExpired):
-            self._ssh.wait(_END_S)
         self._ssh.kill()
         self._ssh.wait()
         with suppress(Empty):
             while True:  # the thread may wait for room
                 self._pieces.get_nowait()
-        for thread, stream in zip(self._threads, (self._ssh.stdout, self._ssh.stderr), strict=True):
-            thread.join(_END_S)
-            cast("IO[bytes]", stream).close()
+        self._thread.join(_END_S)
+        for file in (self._ssh.stdout, self._errors):
+            cast("IO[bytes]", file).close()

@@ -9,7 +9,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 from kalscope.recording import MAX_ISSUE_LENGTH
-from kalscope.sources.grammar.cells import DAMAGED, is_blank, is_comment, is_damaged
+from kalscope.sources.grammar.cells import DAMAGED, is_blank, is_comment, is_damaged, is_number
 from kalscope.sources.grammar.line_format import LineFormat, split_teleplot, without_escapes
 from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
 from kalscope.sources.reading.columns import Column
@@ -183,15 +183,21 @@ class LineParser:
     def _add_variable(self, line: str) -> None:
         """Add a column for the new variable of a line of Teleplot, after the others.
 
-        Once the head of the stream is over, a name counts from its second line on: the first may be damage.
+        The first line brings those of all lines that wait. Once the head of the stream is over, a name counts from
+        its second line on: the first may be damage.
         """
         plot, layout = split_teleplot(line), self.layout
-        if layout is None and plot is not None and plot.only_names:  # `>name:` is enough
-            layout = _TELEPLOT
-        if not (plot and plot.samples and plot.name and plot.name.isprintable()) or layout is None:
+        if not (plot and plot.samples and plot.name and plot.name.isprintable()):
             return
-        full = len(layout.columns) >= MAX_STREAM_COLUMNS
-        if layout.form.kind != "teleplot" or full or plot.name in layout.form.labels:
+        if layout is None and plot.only_names:  # `>name:` is enough
+            layout = _TELEPLOT
+        elif layout is None and any(is_number(value) for _, value in plot.samples):
+            layout = self._other_layout([line, *_decoded(self._buffer).splitlines()])
+            if layout is not None and layout.form.kind == "teleplot":
+                self._reader = LineReader(layout, self._options)
+        if layout is None or layout.form.kind != "teleplot" or plot.name in layout.form.labels:
+            return
+        if len(layout.columns) >= MAX_STREAM_COLUMNS:
             return
         if self._settled and not plot.only_names and plot.name not in self._seen_once:
             self._seen_once.append(plot.name)
@@ -199,12 +205,6 @@ class LineParser:
         form = replace(layout.form, labels=(*layout.form.labels, plot.name))
         columns = (*layout.columns, Column(plot.name, plot.unit))
         self._reader = LineReader(replace(layout, form=form, columns=columns), self._options)
-
-    def prime(self, lines: Sequence[str]) -> None:
-        """Take the variables of lines of Teleplot that are still to come: one layout for all, if none is known."""
-        layout = self._other_layout(lines) if self._reader is None and lines else None
-        if layout is not None and layout.form.kind == "teleplot":
-            self._reader = LineReader(layout, self._options)
 
     def _other_layout(self, head: Sequence[str]) -> Layout | None:
         """The layout of these lines where they surely show one, and another than is known.

@@ -499,8 +499,8 @@ def _labelled(lines: list[HeadLine], some: Mapping[str, Sequence[str]], plan: Pl
 def _teleplot(lines: list[HeadLine]) -> HeadTable | None:
     """The lines `>name:ms:value§unit`; other lines beside them are the program's log and do not count."""
     marked = [line for line in lines if line.text.lstrip().startswith(">")]
-    found = [(line.number, plot) for line in marked if (plot := split_teleplot(line.text))]
-    found = [(number, plot) for number, plot in found if any(is_number(value) for _, value in plot.samples)]
+    plots = ((line.number, split_teleplot(line.text)) for line in marked)
+    found = [(n, plot) for n, plot in plots if plot and any(is_number(value) for _, value in plot.samples)]
     if not found:
         return None
     labels = tuple(dict.fromkeys(plot.name for _, plot in found))

@@ -11,18 +11,17 @@ from broker import PASSWORD, USER, broker, publisher
 from each import each
 from program import free_port
 from required import needs, not_here
-from waiting import wait_until
 
 from kalscope.errors import BadDevice, BadSetting
 from kalscope.sources.live.source import LiveSource
-from kalscope.sources.port.messages import MAX_MESSAGE, MqttPort
+from kalscope.sources.port.messages import MqttPort
 from kalscope.sources.port.registry import port_of
 from kalscope.sources.reading.recording_file import read_recording
 
 needs("paho")
 CONNECTED, REFUSED = b"\x20\x02\0\0", b"\x20\x02\0\x03"
-SUBSCRIBED, NOT_SUBSCRIBED = b"\x90\x03\0\x01\0", b"\x90\x03\0\x01\x80"
-"""What a broker says: yes, and not now; yes, and not this topic."""
+NOT_SUBSCRIBED = b"\x90\x03\0\x01\x80"
+"""What a broker says: yes, and not now; not this topic."""
 NO_CODE = b"\x90\x02\0\x01"
 """Its answer to a subscription without the code that one must have."""
 
@@ -62,7 +61,7 @@ def refusal(address):
 
 @each("text", ["broker", "broker/", "/a", "broker:0/a"])
 def test_what_is_no_address_of_a_broker(text):
-    with pytest.raises(BadSetting, match="an address must be mqtt://broker/topic"):
+    with pytest.raises(BadSetting, match=r"an address must be mqtt://\[user@\]broker"):
         port_of(f"mqtt://{text}")
 
 
@@ -73,16 +72,15 @@ def test_every_message_arrives_and_the_topics_are_the_channels(open_broker, wait
             client.publish(topic, kept, qos=1, retain=True).wait_for_publish()
         live = opened(f"{open_broker.address}/home/+/air/#")
         recorder = live.record(tmp_path / "run.csv")
-        wait_for(lambda: live.status().received == 2)
         for i in range(1000):
             client.publish("home/barn/air/temperature", f"{i}", qos=i % 2)
             client.publish("home/barn/air", f'{{"hum": {-i}, "at": "noon"}}')
         client.publish("home/barn/air/state", "ON")
         client.publish("home/barn/air/picture", b"\xff\xd8\x00" * 1000)
-        wait_for(lambda: live.status().received == 2004)
+        wait_for(lambda: live.status().received == 2002)
     live.close()
     status, recording = live.status(), live.snapshot().recording
-    assert (status.accepted, status.rejected, status.dropped) == (2000, 1, 3)
+    assert (status.accepted, status.rejected, status.dropped) == (2000, 1, 1)
     assert set(recording.names) == {"barn/air/temperature", "barn/air.hum"}
     for name, sign in (("barn/air/temperature", 1), ("barn/air.hum", -1)):
         values = recording.channel(name)
@@ -179,18 +177,6 @@ def test_what_is_no_broker(open_broker):
 
 def test_a_topic_that_nobody_can_subscribe_to_is_refused(open_broker):
     assert "cannot be opened (Invalid subscription filter.)" in refusal(f"{open_broker.address}/a/#/b")
-
-
-def test_a_message_beyond_every_measure_ends_the_connection():
-    """Its broker says that 200 MB will come: no memory is spent on them."""
-    with socket.create_server(("127.0.0.1", 0)) as listening:
-        threading.Thread(
-            target=hang_up, args=(listening, CONNECTED, SUBSCRIBED + b"\x30\x80\x80\x80\x64\0\1t")
-        ).start()
-        port = MqttPort(port_of(f"mqtt://127.0.0.1:{listening.getsockname()[1]}/t"), bool, None)
-        with pytest.raises(BadDevice, match=f"a message of 209715200 bytes .* at most {MAX_MESSAGE} are read"):
-            wait_until(port.fetch)
-        port.close()
 
 
 def test_a_library_that_is_missing_is_named(monkeypatch):

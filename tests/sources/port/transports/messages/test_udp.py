@@ -70,15 +70,6 @@ def test_variables_that_come_in_turn_are_one_recording(sender, heard, wait_for, 
     assert [int(np.nansum(again.values[:, i])) for i in range(6)] == [10] * 6
 
 
-def test_plain_lines_are_read_as_from_any_board(sender, heard, wait_for):
-    for datagram in ("heat,light", "512,300\n513,301", b"\x00\x01\x02 noise", "1,2,3"):
-        sender.say(datagram)
-    wait_for(lambda: heard.status().received == 5)
-    status = heard.status()
-    assert (status.accepted, status.rejected, status.dropped) == (2, 2, 1)
-    assert heard.snapshot().recording.names == ("heat", "light")
-
-
 def test_a_port_that_is_taken_and_an_address_of_another_machine(sender, heard):
     for host, why in (("127.0.0.1", "Address already in use"), ("203.0.113.7", "Cannot assign requested address")):
         address = f"udp://{host}:{sender.port}"
