@@ -320,8 +320,8 @@ def test_a_rate_that_is_given_has_its_place(stamps, given, source, rate, said):
 
 def test_samples_without_stamps_are_counted_in_the_period_that_is_given():
     assert counted_time(4, GivenPeriod()).time.tolist() == [0, 1, 2, 3]
-    axis = counted_time(4, GivenPeriod(file=0.5), offset=-1.0, start=1.5e9)
-    assert axis.time.tolist() == [-1, -0.5, 0, 0.5]
+    axis = counted_time(4, GivenPeriod(file=0.5), start=1.5e9)
+    assert axis.time.tolist() == [0, 0.5, 1, 1.5]
     assert (axis.timing.source, axis.timing.summary) == ("file", "2.00 Hz as stated in the file")
     assert axis.notes == ("time counts from 2017-07-14T02:40:00+00:00",)
 

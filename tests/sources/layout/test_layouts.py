@@ -38,14 +38,6 @@ def test_first_rows_without_a_sample_do_not_take_the_header_with_them(read, word
     assert word == "NA" or f'"{word}" is a missing sample: 4 cells' in notes_of(recording)
 
 
-def test_the_one_text_that_numbers_share_their_column_with_says_missing_and_two_are_damage(read):
-    recording = read("t,a\n" + "".join(f"{i},{'FAULT' if i % 4 == 0 else i}\n" for i in range(40)))
-    assert '"FAULT" is a missing sample: 10 cells' in notes_of(recording)
-    assert recording.report.bad_cells == 0
-    recording = read("t,a\n" + "".join(f"{i},{f'E{i}' if i % 4 == 0 else i}\n" for i in range(40)))
-    assert recording.report.bad_cells == 10
-
-
 def test_several_rows_above_the_data_are_names_units_and_what_was_done(read):
     recording = read("x_a,x_b,x_c\nRAW,CAL,CAL\nno_units,m/(sec^2),degC\n" + "1,2.5,3\n2,4.5,6\n" * 9)
     assert recording.names == ("x_a", "x_b", "x_c")

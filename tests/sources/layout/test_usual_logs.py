@@ -289,6 +289,38 @@ LOGS = {
         None,
     ),
     "a message between marks": (rows(lambda i: f"<{A[i]},{B[i]}>\n"), {"value 2": ("", B)}, None),
+    "Fortran": (rows(lambda i: f" {i / 100:.2E} {A[i]:.4E}\n".replace("E", "D")), {"value 1": ("", A)}, 0.01),
+    "Graphtec: a blank after the sign, names above units": (
+        "NO.,Time,ms,CH1\nNO.,Time,ms,degC\n" + rows(lambda i: f"{i + 1},2024/03/05 {clock(i)},0,+{A[i]:8.2f}\n"),
+        {"CH1": ("degC", A)},
+        10,
+    ),
+    "Android": (
+        rows(lambda i: f"03-05 {clock(i, 1)}.250  1234  5678 D SENSOR  : x={A[i]} y={B[i]}\n"),
+        {"x": ("", A), "y": ("", B)},
+        1,
+    ),
+    "text for a spreadsheet": (
+        "Time,Temperature(℃)\n" + rows(lambda i: f'="2024-03-05 {clock(i)}",="{A[i]}"\n'),
+        {"Temperature": ("℃", A)},
+        10,
+    ),
+    "ngspice: names between rules": (
+        f"{'-' * 40}\nIndex   time      v(out)\n{'-' * 40}\n" + rows(lambda i: f"{i}\t{i * 1e-6:.4e}\t{A[i]}\t\n"),
+        {"v(out)": ("", A)},
+        1e-6,
+    ),
+    "sensors by a column, with their units": (
+        "SECONDS;PID;VALUE;UNITS\n" + rows(lambda i: f"{i / 2};speed;{A[i]};km/h\n{i / 2};load;{B[i]};%\n"),
+        {"speed": ("km/h", A), "load": ("%", B)},
+        0.5,
+    ),
+    "units above some of the columns": (
+        "   yyyy  mm  tmax  sun\n             degC  hours\n"
+        + rows(lambda i: f"   {1990 + i // 12}  {i % 12 + 1:2d}  {A[i]}  {B[i]}\n"),
+        {"tmax": ("", A), "sun": ("", B)},
+        31 * 86400,
+    ),
     "a mark at the end": (rows(lambda i: f"$S,{A[i]},{B[i]}#\n"), {"value 2": ("", B)}, None),
     "LabVIEW: a step above its value": (
         "dt:\n0.001\t0.001\ndata:\n" + rows(lambda i: f"{A[i]:.3E}\t{B[i]:.6E}\n"),
@@ -375,6 +407,7 @@ def test_a_label_that_is_lost_shifts_no_other(tmp_path):
         ("time,a\n" + rows(lambda i: f"03/04/2025 {clock(i)},{A[i]}\n"), "read day first"),
         ("t,a\n" + rows(lambda i: f"{1000 * (i // 10 * 10 - i % 10)},{A[i]}\n"), "rows of the file step back"),
         ("Time [s],Channel 0\n" + rows(lambda i: f"{CHANGES[i]:.7f},{i % 2}\n"), "the stamps have no rate"),
+        ("t,r\n" + rows(lambda i: f"{i},{A[i]}{'k' * (i % 3 > 0)}\n"), '"20.0" in "r" is in k as well'),
         ("t,room,a\n" + rows(lambda i: f"{i},{'ab'[i % 2]},{A[i]}\n"), 'one of 2 sensors, by "room"'),
         ("t,a,b\n" + rows(lambda i: f"{i},{A[i]},{A[i] if i % 3 == 0 else f'x{i}'}\n"), 'most cells of "b"'),
     ],

@@ -9,7 +9,6 @@ from functools import partial
 
 import pytest
 from each import each
-from regex_cost import worst_growth
 
 from kalscope.errors import BadFile
 from kalscope.sources.grammar.read_options import DEFAULTS
@@ -21,7 +20,7 @@ pytestmark = pytest.mark.slow
 
 ROWS = [f"{0.01 * i:.2f},{20 + i % 7},{i % 5}.5" for i in range(60)]
 LABELLED = [f"a:{i},b:{i}.5" for i in range(20)]
-BLANK_LABELS = [[f'{{"{label}": {i}, "a": {i}.5}}' for i in range(20)] for label in ("", " ", "  ")]
+BLANK_LABELS = [f'{{" ": {i}, "a": {i}.5}}' for i in range(20)]
 SMALL, LARGE = 800, 3200
 MAX_RATIO = 1.5 * LARGE / SMALL
 MIN_CALLS = 10_000
@@ -65,17 +64,11 @@ def test_finding_the_layout_takes_calls_in_proportion_to_a_line(place):
     check(lambda text: sniff([*ROWS[:place], text, *ROWS[place:20]], DEFAULTS))
 
 
-@pytest.mark.parametrize("head", [ROWS, LABELLED])
+@pytest.mark.parametrize("head", [ROWS, LABELLED, BLANK_LABELS])
 def test_reading_a_line_takes_calls_in_proportion_to_it(head):
     layout = sniff(head, DEFAULTS)
     reader = LineReader(layout)
     check(lambda text: reader.read(1, text))
-
-
-@pytest.mark.parametrize("head", [LABELLED, *BLANK_LABELS])
-def test_the_pattern_of_the_labels_takes_steps_in_proportion_to_its_text(head):
-    pattern = LineReader(sniff(head, DEFAULTS))._known_label
-    assert worst_growth(pattern, "findall", 120, 24) is None
 
 
 @each(

@@ -63,11 +63,6 @@ def test_states_and_readings_raise_no_question(signal):
     assert asked(signal) == []
 
 
-def test_two_codes_of_one_channel_do_not_hide_each_other():
-    assert sorted(asked(at_moments(at_moments(WALK, -999.0), 9999.0, every=131))) == [-999.0, 9999.0]
-    assert sorted(asked(at_moments(at_moments(WALK, -999.0), -9999.0, every=131))) == [-9999.0, -999.0]
-
-
 def test_a_code_of_several_channels_is_one_question_that_names_them():
     values = np.column_stack([at_moments(WALK, -999.0), at_moments(WALK[::-1], -999.0), WALK])
     (question,) = suggest_missing(values, ["a", "b", "c"], (values.min(axis=0), values.max(axis=0)))

@@ -220,7 +220,6 @@ TEXTS = (
     Case("random letters", noise(LETTERS), "re(fus|a)", MIB // 64, 20 * MIB, big_mib=200),
     Case("random marks of numbers", noise(MARKS), "re(fus|a)", MIB // 128, 4 * MIB, big_mib=200),
     content("UTF-16 of odd length", PLAIN.encode("utf-16") + b"1", READ + "1 rejected"),
-    content("UTF-16 without its mark, of odd length", PLAIN.encode("utf-16-le") + b"1", READ + "1 rejected"),
     content(
         "UTF-16 with half a pair",
         b"\xff\xfe" + PLAIN.encode("utf-16-le") + b"\0\xd8,\x001\0\n\0",

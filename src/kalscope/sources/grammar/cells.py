@@ -7,26 +7,6 @@ import math
 import re
 from dataclasses import dataclass
 
-# Text in UTF-16, as Windows programs write it.
-
-
-_MARKS = (b"\xff\xfe", b"\xfe\xff")
-
-
-def wide_encoding(head: bytes) -> str | None:
-    """The kind of UTF-16 that a file begins with; None for other text.
-
-    Without a byte order mark: in such text every second byte is NUL, and hardly any other.
-    """
-    if head.startswith(_MARKS):
-        return "utf-16"
-    pairs = len(head) // 2
-    even, odd = head[0 : 2 * pairs : 2].count(0), head[1 : 2 * pairs : 2].count(0)
-    if pairs and odd > 0.8 * pairs and even < 0.05 * pairs:
-        return "utf-16-le"
-    return "utf-16-be" if pairs and even > 0.8 * pairs and odd < 0.05 * pairs else None
-
-
 # The cells of a line and the numbers in them: what is a number, a missing value, a comment, a blank line.
 
 
@@ -49,12 +29,14 @@ OVERFLOWS = frozenset(sign + word for sign in ("", "+", "-") for word in ("inf",
 
 NUMBER = {
     # [0-9], not \d: float() would take the digits of any script. No hexadecimal, no infinity, no "1_000".
-    ".": re.compile(r"[-+]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][-+]?[0-9]+)?"),
+    # Some loggers write "+  21.5", Fortran 1.5D+02.
+    ".": re.compile(r"(?:[-+] *)?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:(?:[eE][-+]?|[dD][-+])[0-9]+)?"),
     # A decimal comma needs a digit after it, else "155," of "155, 0.76" would be a number.
-    ",": re.compile(r"[-+]?(?:[0-9]+(?:,[0-9]+)?|,[0-9]+)(?:[eE][-+]?[0-9]+)?"),
+    ",": re.compile(r"(?:[-+] *)?(?:[0-9]+(?:,[0-9]+)?|,[0-9]+)(?:(?:[eE][-+]?|[dD][-+])[0-9]+)?"),
 }
 """The whole grammar of a number, by its decimal mark."""
 
+_FOR_FLOAT = str.maketrans(",dD", ".ee", " ")
 _TYPED = str.maketrans({"\u00a0": " ", "\u2009": " ", "\u202f": " ", "\u2212": "-"})
 """Plain characters for non-breaking spaces, as browsers write them before AM, and for the typographic minus."""
 _NUMBER_STARTS = (*"0123456789+-.", "nan", "NaN", "None", "null")
@@ -93,6 +75,8 @@ def _split(line: str, delimiter: str) -> list[str]:
     text = line.strip(" \t\r\n") if delimiter == " " else line.rstrip("\r\n")
     if text[-1:] == "#" and text[-2:-1].isalnum():  # as boards end a message
         text = text[:-1]
+    if '="' in text:  # ="21.5" keeps a spreadsheet from reading the cell
+        text = (delimiter + text).replace(f'{delimiter}="', f'{delimiter}"')[1:]
     if text.endswith(("]", ")", "}", "},", ">")):
         text = _without_brackets(text)
     if '"' in text and text.count('"') % 2 == 0:
@@ -138,7 +122,7 @@ def parse_number(cell: str, decimal: str = ".") -> float | None:
         (`12abc`, `0x1F`, `Infinity`, `ERR`, `1e999`, `1_000`).
     """
     if NUMBER[decimal].fullmatch(cell):
-        value = float(cell.replace(",", "."))
+        value = float(cell.translate(_FOR_FLOAT))
         return value if math.isfinite(value) else None
     return math.nan if cell.lower() in MISSING else None
 
@@ -232,7 +216,7 @@ def is_unit(text: str, *, alone: bool = False) -> bool:
     """True for a known unit, and for a text with a sign that only units have; `alone`, Date/Time is none."""
     text = text.strip().lower()
     parts = [part.strip("()^-+23 ") for part in text.replace("deg ", "deg").split("/")]
-    signs = set("°²³%µ" if alone else "/^°²³%µ")
+    signs = set("°℃℉²³%µμ" if alone else "/^°℃℉²³%µμ")
     marked = len(text) <= MAX_UNIT and signs.intersection(text) and not set("[(:").intersection(text)
     return bool(marked) or text in _UNITS or all(part in _UNITS for part in parts)
 
@@ -253,7 +237,7 @@ def are_units(cells: tuple[str, ...]) -> bool:
     """True for a row of units: half of its cells or more are known, the others are short or "-", none is long."""
     said = [cell for cell in cells if cell and cell != "-"]
     known = sum(cell != bare_unit(cell) or is_unit(cell, alone=True) for cell in said)
-    return known > 0 and 2 * known >= len(said) and all(len(cell) <= 16 for cell in said)
+    return known > 0 and 2 * known >= len(said) and all(len(cell) <= MAX_UNIT for cell in said)
 
 
 # Units of time and the words for them.

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import json
 import re
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import reduce
+from itertools import islice
 from string import hexdigits
 from typing import Any, Literal, NamedTuple, cast
 
@@ -44,22 +46,22 @@ def find_object(line: str) -> list[tuple[str, str]] | None:
 
 def flattened(value: Any) -> list[tuple[str, str]] | None:
     """(full name, text) of each value of an object; None where it holds none, or more than MAX_VALUES."""
-    pairs: list[tuple[str, str]] = []
-    waiting: list[tuple[str, Any]] = [("", value)]  # a stack, not a recursion: outside text may nest deep
-    while waiting:
-        name, item = waiting.pop()
-        inner: list[tuple[str, Any]] = []
-        if isinstance(item, dict):
-            parts = cast("dict[str, Any]", item)
-            inner = [(f"{name}.{key}" if name else key, part) for key, part in parts.items()]
-        elif isinstance(item, list):
-            inner = [(f"{name}[{i}]", part) for i, part in enumerate(cast("list[Any]", item)[: MAX_VALUES + 1])]
-        else:
-            pairs.append((name, _text(item)))
-        if len(pairs) + len(waiting) + len(inner) > MAX_VALUES:
-            return None
-        waiting += reversed(inner)
-    return pairs or None
+    try:
+        pairs = list(islice(_values("", value), MAX_VALUES + 1))
+    except RecursionError:
+        return None
+    return pairs if 0 < len(pairs) <= MAX_VALUES else None
+
+
+def _values(name: str, value: Any) -> Iterator[tuple[str, str]]:
+    if isinstance(value, dict):
+        for key, part in cast("dict[str, Any]", value).items():
+            yield from _values(f"{name}.{key}" if name else key, part)
+    elif isinstance(value, list):
+        for i, part in enumerate(cast("list[Any]", value)):
+            yield from _values(f"{name}[{i}]", part)
+    else:
+        yield name, _text(value)
 
 
 def _text(value: Any) -> str:
@@ -244,10 +246,12 @@ _COUNTED = re.compile(
 )
 """What a kernel and an ESP32 write before a line: `[   12.345]`, `I (12345) sensor:`."""
 _SYSLOG = re.compile(
-    r"[A-Z][a-z]{2} [ 0-9]?[0-9] ([0-9]{2}:[0-9]{2}:[0-9]{2}(?:\.[0-9]{1,9})?) \S{1,64} [^\s:]{1,64}: (.*)",
+    r"(?:[A-Z][a-z]{2} [ 0-9]?[0-9]|[0-9]{2}-[0-9]{2}) ([0-9]{2}:[0-9]{2}:[0-9]{2}(?:\.[0-9]{1,9})?)"
+    r"(?: {1,8}[^\s:]{1,64}){2,4} {0,24}: (.*)",
     re.DOTALL,
 )
-"""What syslog and journalctl write before a line: `May 17 09:30:00 host sensor[612]: `; the date has no year."""
+"""What syslog, journalctl and Android write before a line: `May 17 09:30:00 host sensor[612]: `,
+`05-17 09:30:00.123  612  640 D Sensor: `; the date has no year."""
 _HEXADECIMAL = frozenset(hexdigits)
 _DIGITS_OR_BLANKS = frozenset("0123456789 \t")
 _TELEPLOT = re.compile(r"\s*>([^:>|§]{1,200}):([^|§]*)(?:§([^|]*))?(?:\|(.*))?\s*", re.DOTALL)
@@ -319,7 +323,7 @@ def split_stamp(line: str) -> tuple[str, str] | None:
     """(`12:00:00.023`, rest) of a line before which a serial monitor wrote its stamp; None for any other line."""
     match = line.startswith(("[", "(", "I (", "D (", "W (", "E (", "V (")) and _COUNTED.fullmatch(line)
     match = match or (":" in line[:_STAMP_REACH] and _LINE_STAMP.fullmatch(line))
-    match = match or (line[3:4] == " " and _SYSLOG.fullmatch(line))
+    match = match or (" " in line[3:6:2] and _SYSLOG.fullmatch(line))
     if match:
         stamp, rest = (group for group in match.groups() if group is not None)
         return stamp.replace(",", "") if "." in stamp else stamp, rest  # Zephyr writes 00:00:01.234,567

@@ -737,8 +737,8 @@ def read_time(
     backward = int(np.count_nonzero(steps < 0)) if steps.size and float(steps.min()) < 0 else 0
     notes += [how, *_about_order(time, steps, backward, repeated=not crowded)]
     if rate is None:  # all stamps are one step of a coarse clock, or they step back
-        axis = counted_time(len(time), given, float(time[0]))
-        time = axis.time if given.file and len(time) > 1 and not backward else time
+        axis = counted_time(len(time), given)
+        time = time[0] + axis.time if given.file and len(time) > 1 and not backward else time
         return replace(axis, time=time, backward=backward, notes=(*notes, *axis.notes))
     if (why := _no_time(rate)) is not None:
         axis = counted_time(len(time), given)
@@ -766,19 +766,18 @@ def _no_time(rate: SampleRate) -> str | None:
     return f"the stamps have no rate, as where only changes are logged (most steps lie between {low} and {high})"
 
 
-def counted_time(n: int, given: GivenPeriod, offset: float = 0.0, start: float | None = None) -> TimeAxis:
+def counted_time(n: int, given: GivenPeriod, start: float | None = None) -> TimeAxis:
     """Time of `n` samples without stamps: by the period that is given, else their numbers.
 
     Args:
         n: How many.
         given: Sample periods that are known.
-        offset: Time of the first sample in s, where a period is given.
         start: When the first sample was taken, in s since 1970; None where that is not known.
     """
     period = given.option or given.file
     time = np.arange(n, dtype=np.float64)
     if period is not None:
-        time = offset + time * period
+        time *= period
     source: RateSource = "option" if given.option else "file" if given.file else "none"
     timing = with_words(Timing("none", source, period), given.file, "rows", n)
     notes: list[str] = []

@@ -35,11 +35,9 @@ from kalscope.sources.reading.preface import Preface, find_preface
 
 ANY_DIGIT = str.maketrans("123456789", "000000000")
 """Makes a shape of a text: each digit becomes 0."""
-_MAX_SHAPES = 64
-"""With more shapes, those that differ only in the lengths of their numbers become one."""
 _MAX_OF_SHAPE = 4
 """Lines by which all of one shape are judged: 0,123 and 1,234 may be read differently."""
-_NUMBER = re.compile("00+")
+_NUMBER = re.compile("[0-9]+")
 
 
 class HeadLine(NamedTuple):
@@ -52,17 +50,12 @@ class HeadLine(NamedTuple):
     stamp: str = ""
     """The stamp that a monitor wrote before it; "" where there is none."""
     shape: str = ""
-    """What is the same in all lines that differ in their digits only: the text with 0 for each, or for each run."""
+    """What is the same in all lines that differ in their digits only: the text with 0 for each run."""
 
 
 def shaped(lines: Sequence[HeadLine]) -> list[HeadLine]:
     """The lines with their shapes."""
-    shapes = [line.text.translate(ANY_DIGIT) for line in lines]
-    exact = set(shapes)
-    if len(exact) > _MAX_SHAPES:
-        coarse = {shape: _NUMBER.sub("0", shape) for shape in exact}
-        shapes = [coarse[shape] for shape in shapes]
-    return [HeadLine(line.number, line.text, line.stamp, shape) for line, shape in zip(lines, shapes, strict=True)]
+    return [line._replace(shape=_NUMBER.sub("0", line.text)) for line in lines]
 
 
 def first_of_each_shape(lines: Iterable[HeadLine]) -> Mapping[str, Sequence[str]]:
@@ -91,7 +84,9 @@ HOST_AND_DEVICE = ("host time", "device time")
 ROW_NUMBER_NAME = "sample"
 """Header of the first column of our own CSV where a recording has no time: it counts the rows."""
 
-COUNTING_NAMES = frozenset(("", "#", "count", "counter", "id", "idx", "index", "no", "no.", "nr", "row", "samples"))
+COUNTING_NAMES = frozenset(
+    ("", "#", "count", "counter", "id", "idx", "index", "no", "no.", "nr", "number", "row", "samples")
+)
 """Names, in lower case, of columns that may number the rows."""
 _MIN_COUNTED = 8
 
@@ -108,8 +103,6 @@ class Column:
     """How it is used; only channels and the time are read."""
     form: NumberForm | None = None
     """How its numbers are written, where that differs from the rest of the table."""
-    words: frozenset[str] = frozenset()
-    """Texts, in lower case, that say "no sample" in this column, besides those that say it everywhere."""
 
 
 def named_column(text: str) -> Column:
@@ -199,7 +192,7 @@ def distinct_names(names: list[str]) -> tuple[str, ...]:
     return tuple(distinct)
 
 
-# What is decided before anything is weighed: by the user, else by the rules of the instrument.
+# What is decided before anything is weighed: by the user, else by what the file says above its table.
 
 
 class Plan(NamedTuple):
@@ -226,10 +219,8 @@ def make_plan(head: Sequence[str], options: ReadOptions) -> Plan:
     preface = find_preface(head)
     if names is not None or options.header is not None:
         row = 0 if names is None and options.header is False else names
-        preface = replace(preface, names=(), header_row=row)
-    if units is not None:
-        preface = replace(preface, units=(), unit_row=units)
-    first = max(preface.first_row or 1, (names or 0) + 1, (units or 0) + 1)
+        preface = replace(preface, header_row=row)
+    first = max(preface.first_row, (names or 0) + 1, (units or 0) + 1)
     return Plan(options, replace(preface, first_row=first))
 
 
@@ -248,8 +239,8 @@ _NUMERIC_CHARACTERS = "0123456789.,+-eE;| \t"
 _MIN_SHAPE, _MIN_JUDGED = 8, 3
 """Characters from which the shape of a cell shows a stamp, and how many cells of the shape must agree."""
 _HEXADECIMAL = re.compile(r"(?:0[xX])?[0-9A-Fa-f]{2,16}")
-_MIN_REPEATED = 3
-"""How often the one word of an otherwise numeric column must occur to mean "no sample"."""
+_MIN_TEXTS = 3
+"""Cells of text by which a column of hexadecimal words, or a word that says "no sample", is known."""
 
 
 class CellKinds(dict[str, CellKind]):
@@ -313,10 +304,9 @@ def likeness(cells: Cells, kinds: CellKinds) -> float:
         numbers += "." in cells[0] and "," in cells[0]
     if len(cells) > 1:  # one `12,5` alone is two numbers, or one by the other mark
         numbers += 0.25 * found.count("other number") + 0.5 * found.count("grouped")
-    if not numbers:
-        return 0.0
     others = found.count("missing") + found.count("word") + found.count("stamp")
-    return (numbers + others) / len(cells)
+    is_void = "stamp" in found and others == len(cells) > 1  # a stamp and missing samples
+    return (numbers + others) / len(cells) if numbers or is_void else 0.0
 
 
 @dataclass(frozen=True)
@@ -339,9 +329,7 @@ class ColumnType:
     def judge(self, cell: str, kinds: CellKinds) -> Literal["fits", "missing", "strange"]:
         """Whether a cell may be in this column; in one of text any cell is "missing", because it tells nothing."""
         kind = kinds[cell]
-        if kind in ("missing", "word") or cell.lower() in self.words:
-            return "missing"
-        if self.kind in ("text", "empty"):
+        if kind in ("missing", "word") or self.kind in ("text", "empty") or cell.lower() in self.words:
             return "missing"
         if kind == "measure" and not self.measured:
             return "strange"  # `5V` above numbers is a name
@@ -357,15 +345,14 @@ def column_type(cells: Sequence[str], kinds: CellKinds) -> ColumnType:
     stamps, texts = counts["stamp"], counts["text"]
     if not numbers + stamps + texts:
         return ColumnType("empty")
-    is_even = texts >= _MIN_REPEATED and len({len(cell) for cell in cells}) == 1
+    is_even = texts >= _MIN_TEXTS and len({len(cell) for cell in cells}) == 1
     if is_even and all(map(_HEXADECIMAL.fullmatch, cells)):
         return ColumnType("text")  # 4E, 1f03, 0x1A: those without a letter are no decimal numbers
-    if numbers >= _MIN_REPEATED and texts >= _MIN_REPEATED and not stamps:
-        said = {cell.lower() for cell in cells if kinds[cell] == "text"}
-        if len(said) == 1 and texts <= numbers:
-            return ColumnType("number", numbers, measured, frozenset(said))
     if numbers >= max(stamps, texts):
-        return ColumnType("number", numbers, measured)
+        said = frozenset(cell.lower() for cell in cells if kinds[cell] == "text")
+        return ColumnType(
+            "number", numbers, measured, said if len(said) == 1 and texts >= _MIN_TEXTS else frozenset()
+        )
     return ColumnType("stamp" if stamps >= texts else "text", numbers)
 
 
@@ -425,6 +412,7 @@ _KEYS = _NAMES | words(
     """
     id device device_id deviceid dev dev_id node node_id nodeid mac mac_address address addr room location place
     station station_id site probe unit_id serial sn imei eui deveui dev_eui name_id ch port slot board source src
+    pid gpu cpu core
     """
 )
 """Names of a column that says which sensor a row is of, beside its values."""
@@ -450,24 +438,24 @@ def mark_series(
     texts = [i for i, column in enumerate(columns) if column.role == "text" and i not in times]
     names = [i for i in texts if bases[i] in _NAMES and i not in values]
     numbers = [i for i, column in enumerate(columns) if column.role == "channel" and i not in (*times, *values)]
-    roles: dict[int, Role] = {}
-    note = ""
+    units = [i for i in texts if bases[i] in UNIT_NAMES]
     if len(values) == 1 and names and (by_field or not numbers) and len(rows) >= _MIN_ROWS:
-        series = {i for i in texts if by_field and bases[i] not in _NO_TAGS} or {*names}
-        series = sorted({*series, *(i for i in texts if bases[i] in UNIT_NAMES)} - {*values})
-        distinct = {tuple(row[i] for i in series) for row in rows}
-        if len(distinct) <= len(rows) / 2 and any(is_number(row[values[0]], decimal) for row in rows):
-            roles = {**dict.fromkeys(numbers, "text"), **dict.fromkeys(series, "series"), values[0]: "channel"}
-        said = ", ".join(f'"{columns[i].name}"' for i in series)
-        note = f"each row holds one value, named by {said}"
+        keys = [i for i in texts if by_field and bases[i] not in _NO_TAGS and i not in values] or names
+        few = len({tuple(row[i] for i in keys) for row in rows}) <= len(rows) / 2
+        is_long = few and any(is_number(row[values[0]], decimal) for row in rows)
+        roles: dict[int, Role] = {**dict.fromkeys(numbers, "text"), values[0]: "channel"}
+        note = "each row holds one value, named by " + ", ".join(f'"{columns[i].name}"' for i in keys)
     else:
-        keys = (i for i in range(len(columns)) if i not in times and _is_key(i, columns, bases, rows, times))
-        for key in islice(keys, 1):
-            roles[key], name = "series", columns[key].name or f"column {key + 1}"
-            note = Assumption(f'each row is of one of {len({row[key] for row in rows})} sensors, by "{name}"')
-    return [replace(column, role=roles.get(i, column.role)) for i, column in enumerate(columns)], [
-        note
-    ] if roles else []
+        found = (i for i in range(len(columns)) if i not in times and _is_key(i, columns, bases, rows, times))
+        keys, roles = list(islice(found, 1)), {}
+        is_long, name = bool(keys), "".join(columns[i].name or f"column {i + 1}" for i in keys)
+        note = Assumption(
+            f'each row is of one of {len({row[i] for row in rows for i in keys})} sensors, by "{name}"'
+        )
+    if not is_long:
+        return columns, []
+    roles |= dict.fromkeys((*keys, *units), "series")
+    return [replace(column, role=roles.get(i, column.role)) for i, column in enumerate(columns)], [note]
 
 
 def _is_key(index: int, columns: list[Column], bases: list[str], rows: list[Cells], times: tuple[int, ...]) -> bool:

@@ -39,8 +39,8 @@ _MIN_DISTINCT_ROWS, _MIN_ROWS = 3, 8
 """How many lines with words beside numbers are enough to take them for rows: different ones, or in all."""
 
 _SHORT_HEAD = 64
-"""A head without data is sniffed at every line up to this length, then whenever it has grown by a quarter; one of a
-known layout at the 1st, 2nd, 4th, 8th, … line that does not fit."""
+"""A head without data is sniffed at every line up to this length, then whenever it has grown by about a quarter;
+one of a known layout whenever the lines that do not fit have doubled."""
 
 _MAX_NAMES = 1024
 """Names of Teleplot that were seen once and are remembered; damage on the wire makes a new one of each line."""
@@ -228,14 +228,10 @@ class LineParser:
 
     def _is_look_due(self, line: str) -> bool:
         """Whether to sniff the head again at a line that does not fit; the total cost stays linear in the head."""
-        self._misfits += 1
-        if not any(map(str.isdigit, line)):
+        self._misfits = n = self._misfits + 1
+        if n < self._next_look or not any(map(str.isdigit, line)):
             return False
-        if self._reader is not None:
-            return self._misfits & (self._misfits - 1) == 0
-        if self._misfits < self._next_look:
-            return False
-        self._next_look = 0 if self._misfits < _SHORT_HEAD else self._misfits * 5 // 4
+        self._next_look = 2 * n if self._reader else n + 1 + max(0, n - _SHORT_HEAD) // 4
         return True
 
 

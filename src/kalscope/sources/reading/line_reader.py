@@ -6,7 +6,6 @@ The file reader, stdin and the live port all end here, so that a recording and t
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
@@ -74,7 +73,7 @@ class LineReader:
         self._parsers: dict[int, StampParser] = {
             i: (layout.columns[i].form or plain).parse for i in layout.channels
         }
-        self._words = {i: MISSING_WORDS | layout.columns[i].words for i in layout.channels}
+        self._channels = frozenset(layout.channels)
         self._silent = options.missing_texts
         self._numbers = frozenset((*options.missing_numbers, *map(plain.parse, self._silent))) - {None, math.nan}
         self._stamp = None
@@ -86,9 +85,6 @@ class LineReader:
         """The names of a long table and their numbers, which are in its first "series" column."""
         self._before = -2
         """Fields of the row before; −1 at the first row."""
-        # A blank label would match at each position in a long run of blanks.
-        names = "|".join(re.escape(label) for label in self._form.labels if label.strip())
-        self._known_label = re.compile(rf"(?:^|[\s,;>])(?:{names or '(?!)'})\s*[:=]")
         self._number = 0
         self._issues: list[LineIssue] = []
         self._missing: list[str] = []
@@ -147,7 +143,11 @@ class LineReader:
         labels = self._form.labels
         found = find_labels(text)
         if found is None:
-            if self._known_label.search(text) or text.lstrip().startswith("{"):
+            bare = "".join(text.split())
+            known = (
+                f"{''.join(label.split())}{mark}" in bare for label in labels if label.strip() for mark in ":="
+            )
+            if any(known) or bare.startswith("{"):
                 raise _Fault("must be written as the other lines are")
             return None
         values = dict(found)
@@ -184,7 +184,7 @@ class LineReader:
         at = self._form.labels.index(plot.name) + timed
         rows: list[tuple[float, ...]] = []
         for stamp, value in plot.samples:
-            if self._parsers[at](value) is None and value.lower() not in self._words[at]:
+            if self._parsers[at](value) is None and value.lower() not in MISSING_WORDS:
                 raise _Fault("must be a number, or a word for a missing one")
             cells = [stamp if timed else "", *[""] * (self._width - 1)]
             cells[at] = value
@@ -205,11 +205,11 @@ class LineReader:
             if name not in self.series and len(self.series) >= MAX_SERIES:
                 raise _Fault(f"must be of one of the first {MAX_SERIES} names")
             values[self._series[0]] = self.series.setdefault(name, len(self.series))
-        for i, words in self._words.items():
+        for i in layout.channels:
             value = self.value(i, cells[i])
             if value is not None:
                 values[i] = value
-            elif cells[i].lower() in words:
+            elif cells[i].lower() in MISSING_WORDS:
                 self._missing.append(cells[i])
             else:
                 self._report("must be a number", cells[i], layout.columns[i].name)
@@ -218,9 +218,9 @@ class LineReader:
     def value(self, column: int, cell: str) -> float | None:
         """The number in a cell that is read, or its stamp; NaN where it is missing; None for any other text."""
         value = self._parsers[column](cell)
-        if value is None and column in self._words and cell.lower() in self._silent:
+        if value is None and column in self._channels and cell.lower() in self._silent:
             return math.nan
-        return math.nan if self._numbers and column in self._words and value in self._numbers else value
+        return math.nan if self._numbers and column in self._channels and value in self._numbers else value
 
     def _whole(self, cells: list[str]) -> list[str]:
         """The cells of a row, one per column: an extra separator at the end removed, missing last cells added.

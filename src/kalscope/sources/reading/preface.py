@@ -1,8 +1,7 @@
-"""What a file says about its table above it: an instrument's own rules, the sample rate, the delimiter."""
+"""What a file says about its table above it: Empatica's own form, the sample rate."""
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -14,11 +13,8 @@ from kalscope.sources.grammar.cells import (
     UNIT_OF_WORD,
     is_comment,
     is_number,
-    parse_number,
     split_fields,
 )
-
-Cells = tuple[str, ...]
 
 _MAX_LINES, _MAX_LENGTH = 120, 400
 """Lines, and characters of each, in which a rate is looked for."""
@@ -32,92 +28,43 @@ _E4_RATES = (1.0, 4.0, 8.0, 16.0, 32.0, 64.0, 128.0)
 class Preface:
     """What the lines above a table say about it; None and () where they say nothing."""
 
-    instrument: str = ""
-    """What wrote the file, as a report names it: "Rigol oscilloscope"; "" where only its text is understood."""
     header_row: int | None = None
-    """Line number, from 1, of the row of names; 0 where there is none. `names` takes precedence over it."""
-    unit_row: int | None = None
-    """Line number, from 1, of the row of units; 0 where there is none. `units` takes precedence over it."""
-    first_row: int | None = None
+    """Line number, from 1, of the row of names; 0 where there is none."""
+    first_row: int = 1
     """Line number, from 1, of the first row of the table."""
-    names: Cells = ()
-    """Name of each column of the table, without an empty one at its end; "" where one has none."""
-    units: Cells = ()
-    """Unit of each column, "" where it has none; as many as `names`."""
-    left_out: frozenset[int] = frozenset()
-    """Columns, from 0, that hold no samples: a counter, digital lines."""
     time_column: int | str | None = None
     """Column, from 0, of the time; "none" where the table has none."""
     period: float | None = None
     """Sample period in s."""
     start: float | None = None
     """What second 0 of the stamps is, or the first sample where there are none, in s since 1970 (UTC)."""
-    offset: float = 0.0
-    """Stamp of the first sample in s, where the table has no time column: an oscilloscope counts from its
-    trigger."""
     notes: tuple[str, ...] = ()
     """What else was understood, each a sentence for the report."""
 
 
 def find_preface(head: Sequence[str]) -> Preface:
     """What the first lines of a file, without their newlines, say about its table."""
-    above = next((i for i, line in enumerate(head[:_MAX_LINES]) if line.strip()), 0)
-    rows = [_cells_of(line.removeprefix("\ufeff")) for line in head[above : above + 3]]
-    found = (_rigol(rows, above) or _empatica(rows, above)) if len(rows) > 2 else None
-    return found or _stated_rate(head) or Preface()
+    return _empatica(head) or _stated_rate(head) or Preface()
 
 
-def _cells_of(line: str) -> Cells:
-    """Cells of a line, without blanks, quotes, and the empty cells at its end."""
-    cells = split_fields(line[: 1 << 14], ",")
-    while cells and not cells[-1]:
-        cells.pop()
-    return tuple(cells)
-
-
-def _rigol(rows: Sequence[Cells], above: int) -> Preface | None:
-    """`X,CH1,Start,Increment` above `Sequence,Volt,-6e-3,1e-6`: numbered samples, the time in the second line.
-
-    Source: the programming guide (MSO1000Z/DS1000Z 2.17).
-    """
-    (names, says), keys = rows[:2], [name.lower() for name in rows[0]]
-    if says[:1] != ("Sequence",) or len(says) != len(keys) or keys[-2:] != ["start", "increment"]:
-        return None
-    offset, step = (parse_number(cell) or 0.0 for cell in says[-2:])
-    return Preface(
-        "Rigol oscilloscope",
-        header_row=above + 1,
-        unit_row=above + 2,
-        first_row=above + 3,
-        names=names[:-2],
-        units=says[:-2],
-        left_out=frozenset({0}),
-        time_column="none",
-        period=step if step > 0 else None,
-        offset=offset if step > 0 and math.isfinite(offset) else 0.0,
-    )
-
-
-def _empatica(rows: Sequence[Cells], above: int) -> Preface | None:
+def _empatica(head: Sequence[str]) -> Preface | None:
     """The start, then the rate, then the samples, without a header; of IBI.csv the start and "IBI", then beats.
 
     Source: Empatica's "Data export and formatting from E4 connect": row 1 is the start in Unix seconds (UTC), row 2
-    the rate in Hz, both written once per column; ACC.csv holds x, y, z in 1/64 g.
+    the rate in Hz, both written once per column.
     """
-    first, second, third = rows[:3]
-    if not first or not _is_start(first[0]):
+    above = next((i for i, line in enumerate(head[:_MAX_LINES]) if line.strip()), 0)
+    rows = [split_fields(line.removeprefix("\ufeff").rstrip("\r,"), ",") for line in head[above : above + 3]]
+    if len(rows) < 3 or not _is_start(rows[0][0]):
         return None
-    found = Preface("Empatica E4", header_row=0, first_row=above + 2, start=float(first[0]))
+    first, second, third = rows
+    found = Preface(0, first_row=above + 2, start=float(first[0]), notes=("written by Empatica E4",))
     if len(first) == 2 and first[1].upper() == "IBI":
-        return replace(found, names=("time", "IBI"), units=("s", "s"), time_column=0)
+        return replace(found, header_row=above + 1, time_column=0)
     once = len(first) == len(second) == len(third) and len({*first}) == len({*second}) == 1
     if not once or _is_start(third[0]) or not is_number(second[0]) or float(second[0]) not in _E4_RATES:
         return None
-    # The file's name says what one column holds; three are the accelerometer.
-    names = {1: ("value",), 3: ("x", "y", "z")}.get(len(first), ())
-    units = ("1/64 g",) * 3 if len(first) == 3 else ()
-    rate = float(second[0])
-    return replace(found, first_row=above + 3, names=names, units=units, time_column="none", period=1 / rate)
+    return replace(found, first_row=above + 3, time_column="none", period=1 / float(second[0]))
 
 
 def _is_start(cell: str) -> bool:

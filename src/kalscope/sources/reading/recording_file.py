@@ -55,10 +55,8 @@ _MIN_SURE, _MIN_UNSURE = 2, 3
 """Least count of a number that is always a code, and of any other; of these, one sample in 2000 too."""
 _MAX_SHARE, _MAX_RUN = 0.3, 3
 """Largest share of the samples, and longest run in the median, of a code that may be a reading; more is a state."""
-_MIN_RETURNS = 0.75
-"""Least share of its runs after which the signal continues where it was."""
-_MAX_CODES, _MIN_DISTINCT = 4, 3
-"""Most codes of one channel, and fewest values beside one: a switch and an event marker have fewer."""
+_MIN_DISTINCT = 3
+"""Fewest values beside a code: a switch and an event marker have fewer."""
 _SAMPLE = 20_000
 
 _SURE = {
@@ -87,8 +85,9 @@ def suggest_missing(values: Array, names: Sequence[str], ends: Extremes) -> list
     """
     found: dict[float, list[int]] = {}
     for i, (low, high) in enumerate(zip(*ends, strict=True)):
-        for value in _codes(values[:, i], float(low), float(high)):
-            found.setdefault(value, []).append(i)
+        for value in {float(low), float(high)}:
+            if _stands_out(values[:, i], value, _surety(value)):
+                found.setdefault(value, []).append(i)
     questions: list[str] = []
     for value, channels in found.items():
         often = sum(int(np.count_nonzero(values[:, i] == value)) for i in channels)
@@ -100,21 +99,6 @@ def suggest_missing(values: Array, names: Sequence[str], ends: Extremes) -> list
             )
         )
     return questions
-
-
-def _codes(samples: Array, low: float, high: float) -> list[float]:
-    """The codes of one channel, from the ends of its samples inwards."""
-    found: list[float] = []
-    while len(found) < _MAX_CODES:
-        ends = {value: sure for value in (low, high) if (sure := _surety(value))}
-        rest = samples[np.isfinite(samples) & ~np.isin(samples, found)] if ends else samples
-        code = next((value for value, sure in ends.items() if _stands_out(samples, rest, value, sure)), None)
-        if code is None:
-            break
-        found.append(code)
-        rest = rest[rest != code]
-        low, high = float(rest.min()), float(rest.max())
-    return found
 
 
 def _surety(value: float) -> int:
@@ -129,9 +113,11 @@ def _surety(value: float) -> int:
 
 
 @np.errstate(over="ignore", invalid="ignore")  # near the ends of float64
-def _stands_out(samples: Array, rest: Array, value: float, sure: int) -> bool:
+def _stands_out(samples: Array, value: float, sure: int) -> bool:
     """Whether a code occurs often enough, far from the rest, and, unless it is sure, only for moments."""
-    here, rest = samples == value, rest[rest != value]
+    if not sure:
+        return False
+    here, rest = samples == value, samples[np.isfinite(samples) & (samples != value)]
     some = rest[:: max(1, rest.size // _SAMPLE)]
     least = _MIN_SURE if sure == 2 else max(_MIN_UNSURE, samples.size // 2000)
     if np.count_nonzero(here) < least or np.unique(some).size < _MIN_DISTINCT:
@@ -140,12 +126,8 @@ def _stands_out(samples: Array, rest: Array, value: float, sure: int) -> bool:
     lower, upper = np.quantile(some, (0.25, 0.75))
     if nearest <= max(float(upper - lower), 0.5 * float(np.ptp(some))):
         return False
-    edges = np.diff(np.concatenate(([0], here.astype(np.int8), [0])))
-    first, stop = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
-    inner = (first > 0) & (stop < samples.size)
-    returns = np.abs(samples[stop[inner]] - samples[first[inner] - 1]) <= 0.5 * nearest
-    stays_brief = np.median(stop - first) <= _MAX_RUN and here.mean() <= _MAX_SHARE
-    brief = stays_brief and returns.size and returns.mean() >= _MIN_RETURNS
+    edges = np.flatnonzero(np.diff(np.concatenate(([0], here.astype(np.int8), [0]))))
+    brief = np.median(edges[1::2] - edges[::2]) <= _MAX_RUN and here.mean() <= _MAX_SHARE
     return sure == 2 or bool(brief)
 
 
@@ -211,7 +193,7 @@ def assemble(reading: Reading, options: ReadOptions, sample_period: float | None
     if layout.time is None:
         if options.time_unit is not None:
             raise BadSetting(f"time_unit needs a time column (got {options.time_unit!r} and no time)")
-        axis = counted_time(len(values), given, layout.offset, layout.start)
+        axis = counted_time(len(values), given, layout.start)
     else:
         stamps = reading.columns[layout.time.index]
         axis = read_time(stamps, layout.time, options.time_unit, given, options.gaps, layout.start)
@@ -318,10 +300,7 @@ def _oldest_first(columns: Columns, layout: Layout) -> list[str]:
         return []
     for i, column in columns.items():
         columns[i] = column[order[rising]]
-    newest = falls and np.all(np.diff(rising) == 1)
-    found = f"{count(back)} rows of the file step back in time"
-    found = "the newest row comes first in the file" if newest else found
-    return [Assumption(f"{found}: the rows were put in order of time")]
+    return [Assumption(f"{count(back)} rows of the file step back in time: the rows were put in order of time")]
 
 
 def _values(columns: Columns, channels: list[int], options: ReadOptions) -> tuple[Array, list[str]]:

@@ -43,9 +43,6 @@ BLOCK_NUMBERS = 1 << 16
 MAX_BYTES_BY_LINE = 1 << 15
 """A file up to this size is read line by line, in less time than the compiled loops take to load."""
 
-ROOM_EVERY = 1 << 26
-"""Bytes of a file between two checks of the free memory."""
-
 
 @dataclass
 class Tally:
@@ -224,7 +221,7 @@ class Rows:
         time = () if layout.time is None else layout.time.indices
         series = (i for i, column in enumerate(layout.columns) if column.role == "series")
         self._columns = {i: np.empty(0) for i in {*layout.channels, *time, *series}}
-        self._width, self._count, self._room_at = len(layout.columns), 0, ROOM_EVERY
+        self._width, self._count = len(layout.columns), 0
         self._block = array("d")  # rows, flat
         self._gathers = layout.form.kind == "teleplot" or layout.lead is not None
         self._lead = layout.lead
@@ -273,10 +270,8 @@ class Rows:
 
     def require_room(self, done: int, size: int, name: str) -> None:
         """Raise NoMemory if all `size` bytes of the file will not fit in memory, by what the first `done` take."""
-        if done >= self._room_at:
-            self._room_at = done + ROOM_EVERY
-            taken = 8 * len(self._columns) * self._count
-            require_memory(MEMORY_FACTOR * taken * size / done - taken, name, f"{size / 1e9:.1f} GB of text")
+        taken = 8 * len(self._columns) * self._count
+        require_memory(MEMORY_FACTOR * taken * size / done - taken, name, f"{size / 1e9:.1f} GB of text")
 
     def finish(self) -> list[Array]:
         """All columns, each of shape (rows,), empty where not read, once all lines were added."""

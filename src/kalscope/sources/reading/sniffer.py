@@ -5,13 +5,12 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
+from itertools import islice, pairwise
 
 import numpy as np
 
 from kalscope.recording import Assumption
 from kalscope.sources.grammar.cells import (
-    COMMENT_MARKS,
     NumberForm,
     are_units,
     bare_unit,
@@ -91,13 +90,12 @@ def leading_label(rows: Sequence[Cells], labels: Sequence[int]) -> int | None:
 # The sentences that explain a layout, and that name another one that could be meant.
 
 
-def explain(head: Sequence[str], table: HeadTable, plan: Plan, body: Body, second: HeadTable | None) -> list[str]:
+def explain(head: Sequence[str], table: HeadTable, body: Body, second: HeadTable | None) -> list[str]:
     """How the lines are split, what is beside the data, and which other way comes close."""
-    form, instrument = table.form, plan.preface.instrument
+    form = table.form
     mark = {"\t": "tabs", " ": "blanks"}.get(form.delimiter, f'"{form.delimiter}"')
     beside, fields = ", ".join(str(i + 1) for i in sorted(body.beside)), " or ".join(map(str, sorted(table.narrow)))
     facts = (
-        (instrument, f"written by {instrument}"),
         (form.kind == "table", f'columns are separated by {mark}, the decimal mark is "{form.decimal}"'),
         (form.checksum, "each line ends with a checksum, which is checked"),
         (form.stamped, "the stamp before each line is the time"),
@@ -140,7 +138,6 @@ def explain_doubt(name: str, form: NumberForm, rival: NumberForm, cells: Sequenc
 # Names and units of the columns: from rows above the data, comments, settings, or a row of numeric codes.
 
 
-_COMMENT_NAME_LENGTH, _COMMENT_NAME_WORDS = 40, 3
 _MIN_CODE_ROWS = 20
 _MAX_HEADER_PLACE, _MAX_HEADER_LENGTH = 50, 4000
 """Lines of the head that are looked at for settings and for names that break, and their length."""
@@ -212,11 +209,9 @@ def join_quoted(head: Sequence[str]) -> list[str]:
     return lines
 
 
-def read_header(
-    head: Sequence[str], settings: dict[str, str], table: HeadTable, body: Body, plan: Plan, kinds: CellKinds
-) -> Header:
+def read_header(head: Sequence[str], settings: dict[str, str], table: HeadTable, body: Body, plan: Plan) -> Header:
     """Find the names and units of a table's columns."""
-    above, first = _find(head, table, body, plan, kinds)
+    above, first = _find(head, table, body, plan)
     spare = table.form.delimiter != " "  # `seconds pressure` below a sentence are names themselves
     level = (len(row[1]) <= len(upper[1]) + spare for row, upper in pairwise(above))
     place = next((i for i, fits in enumerate(level) if fits and are_units(above[i][1])), -1)
@@ -228,18 +223,16 @@ def read_header(
     told = (i for i in range(place + 1, len(above)) if not idle[i])
     rows = above[: next(told, place + 1) + 1]
     unit_row = above[place] if place >= 0 else None
-    if plan.preface.unit_row is not None:
-        unit_row = _row(head, plan.preface.unit_row, table)
+    if plan.options.unit_row is not None:
+        unit_row = _row(head, plan.options.unit_row, table)
     listed, listed_units = _listed(settings, table, body)
-    names, notes, columns = plan.preface.names or listed, ["no header line"], [Column("")] * table.width
-    if plan.preface.names:
-        notes = []
-    elif rows:
+    names, notes, columns = listed, ["no header line"], [Column("")] * table.width
+    if rows:
         columns, notes = _named(rows[-1], table, body)
         notes[0] += f", units from line {unit_row[0]}" if unit_row else ""
     elif names:
         notes = ["names from the lines above the table"]
-    units = plan.preface.units or (unit_row[1] if unit_row is not None else listed_units)
+    units = unit_row[1] if unit_row is not None else listed_units
     named = {i: named_column(name) for i, name in enumerate(names) if name}
     known = {columns[i].name for i in named}
     for i, column in named.items() if known == {""} or len(known) < min(2, len(named)) else ():
@@ -250,43 +243,30 @@ def read_header(
     return Header(tuple(columns), tuple(sorted(distinct.items(), reverse=True)), first, tuple(notes))
 
 
-def _row(head: Sequence[str], number: int | None, table: HeadTable) -> Row | None:
-    """The cells of a line above the table, a comment or not; in `#,level,flow` the mark is a name itself."""
-    if not number or number > len(head):
-        return None
-    text, delimiter = head[number - 1].strip(" \t"), table.form.delimiter
-    if is_comment(text) and (delimiter == " " or split_fields(text, delimiter)[0] not in COMMENT_MARKS):
-        text = text.lstrip("#%/").strip()
-    return number, header_cells(text, delimiter, table.width)
+def _row(head: Sequence[str], number: int, table: HeadTable) -> Row | None:
+    """The cells of a line above the table; None where there is no such line."""
+    cells = header_cells(head[number - 1], table.form.delimiter, table.width) if 0 < number <= len(head) else None
+    return None if cells is None else (number, cells)
 
 
-def _find(head: Sequence[str], table: HeadTable, body: Body, plan: Plan, kinds: CellKinds) -> tuple[list[Row], int]:
+def _find(head: Sequence[str], table: HeadTable, body: Body, plan: Plan) -> tuple[list[Row], int]:
     """The rows of units, of what was done to each column, and of names, nearest to the data first; the first row.
 
-    What the user or the rules of an instrument choose comes first.
+    What the user or the rule of an instrument chooses comes first.
     """
     above, chosen = list(body.above), plan.preface.header_row
     if chosen is not None:
-        units = [row for row in above if row[0] > chosen and are_units(row[1]) and plan.preface.unit_row is None]
+        units = [row for row in above if row[0] > chosen and are_units(row[1]) and plan.options.unit_row is None]
         names = _row(head, chosen, table)
         return ([*units[-1:], names] if names else []), body.first
-    commented = None if plan.options.header else _commented_header(head, table, body, kinds)
-    beside = len(above) == 1 and commented is not None and commented[0] == above[0][0] - 1
-    if commented is not None and (not above or (beside and are_units(above[0][1]))):
-        above.append(commented)
-        upper = _commented_header(head[: commented[0] - 1], table, replace(body, first=commented[0]), kinds)
-        if len(above) == 1 and upper and upper[0] == commented[0] - 1 and are_units(commented[1]):
-            above.append(upper)  # `# t x` above `# s mm`
+    if plan.options.header:
+        above = [row for row in above if not is_comment(head[row[0] - 1])]
     if not above and (plan.options.header or _is_code_row(table, body)) and len(body.rows) > 1:
         return [body.rows[0]], body.rows[1][0]
     if len(above) == 1 and all(is_unit(cell) and len(cell) > 2 for cell in above[0][1]):
         numbered = _row(head, above[0][0] - 1, table)  # `x-axis,1,2` above `second,Volt,Volt`
         if numbered and len(numbered[1]) == len(above[0][1]) and not is_number(numbered[1][0]) and all(numbered[1]):
             above.append(numbered)
-    text = head[above[0][0]] if above else ""
-    below = tuple(split_fields(text, table.form.delimiter)) if is_comment(text) else ()
-    if above and len(below) == len(above[0][1]) and are_units(below):
-        above.insert(0, (above[0][0] + 1, below))  # a row of units that begins with % is no comment
     return above, body.first
 
 
@@ -317,26 +297,6 @@ def _are_row_names(first: str, body: Body) -> bool:
     if first.lower() in COUNTING_NAMES or not all(cell.isascii() and cell.isdecimal() for cell in cells):
         return first.lower() not in COUNTING_NAMES and body.types[0].kind == "text"
     return sum(float(b) - float(a) == 1 for a, b in pairwise(cells)) >= 0.9 * (len(cells) - 1)
-
-
-def _commented_header(head: Sequence[str], table: HeadTable, body: Body, kinds: CellKinds) -> Row | None:
-    """The last comment above the data where it is a list of names, as `# time ax ay` of numpy.savetxt."""
-    above = range(body.first - 1, 0, -1)
-    number = next((i for i in above if is_comment(head[i - 1]) and head[i - 1].strip(" \t#%/")), 0)
-    row = _row(head, number, table) if table.width > 1 else None
-    names = row[1] if row else ()
-    while len(names) > 1 and not names[-1]:
-        names = names[:-1]
-    full = 0 < len(names) <= table.width and all(kind.kind == "empty" for kind in body.types[len(names) :])
-    numeric = any(kinds[name] in ("number", "stamp", "missing") for name in names)
-    return (number, names) if full and not numeric and all(map(_is_name, names)) else None
-
-
-def _is_name(text: str) -> bool:
-    """A few words, perhaps with their unit in brackets or after a comma: not a sentence."""
-    bare = text.partition("[")[0].partition("(")[0].strip()
-    short = 0 < len(bare) <= _COMMENT_NAME_LENGTH and len(bare.split()) <= _COMMENT_NAME_WORDS
-    return short and not bare.endswith(":") and not any(mark in bare for mark in "\t;|")
 
 
 def _is_code_row(table: HeadTable, body: Body) -> bool:
@@ -398,8 +358,6 @@ class Layout:
     """Sample period in s that the file itself gives; None where it gives none."""
     start: float | None = None
     """What second 0 of the stamps is, or the first sample where there are none, in s since 1970; None: unknown."""
-    offset: float = 0.0
-    """Stamp of the first sample in s where no column is the time: an oscilloscope counts from its trigger."""
     lead: int | None = None
     """Column of the label that begins a row where several lines make up one; None where each line is a row."""
 
@@ -446,12 +404,12 @@ def _layout(
 ) -> Layout | None:
     """The layout of a table among the lines of a file; None where its rows begin below the head."""
     kinds = CellKinds(table.form.decimal, plan.options.missing_texts, table.form.delimiter)
-    body = find_body(lines, table, plan, kinds)
+    body = find_body(head, lines, table, plan, kinds)
     if body.first > len(head):  # lines of the samples have no number of the file
         return None
     is_table = table.form.kind == "table"
     settings = settings_of(head, body.first)
-    header = read_header(head, settings, table, body, plan, kinds) if is_table else _labelled_header(table, lines)
+    header = read_header(head, settings, table, body, plan) if is_table else _labelled_header(table, lines)
     body = replace(body, rows=tuple(row for row in body.rows if row[0] >= header.first))
     columns, about_numbers = _described(len(head), settings, header, body, kinds, plan)
     if not header.rows and is_table:
@@ -473,7 +431,7 @@ def _layout(
     lead = leading_label(cells, channels) if in_turns else None
     above = sum(number < header.first for number, _ in table.rows)
     notes = (
-        *explain(head, table, plan, body, second),
+        *explain(head, table, body, second),
         *about_numbers,
         *([Assumption(f"{above} lines of numbers above the table are left out")] if above > 1 else []),
         *header.notes,
@@ -494,7 +452,6 @@ def _layout(
         narrow=table.narrow,
         period=plan.preface.period,
         start=plan.preface.start,
-        offset=plan.preface.offset,
         lead=lead,
     )
 
@@ -515,9 +472,13 @@ def _described(
             if best != NumberForm(kinds.decimal):
                 form, unit = best, unit or best.suffix
                 notes.append(f'the numbers of "{name}" are written like {next(filter(best.fits, cells), "")!r}')
+                bare = (cell for cell in cells if best.suffix and cell[-1:].isdecimal() and best.fits(cell))
+                notes += [
+                    Assumption(f'"{cell}" in "{name}" is in {best.suffix} as well') for cell in islice(bare, 1)
+                ]
             if rival is not None:
                 notes.append(explain_doubt(name, best, rival, cells))
-        columns.append(replace(column, role=role, unit=unit, form=form, words=kind.words))
+        columns.append(replace(column, role=role, unit=unit, form=form))
     return columns, notes
 
 

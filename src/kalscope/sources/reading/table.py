@@ -12,12 +12,13 @@ from itertools import groupby
 from typing import Literal, NamedTuple
 
 from kalscope.sources.grammar.cells import (
+    COMMENT_MARKS,
+    are_units,
     is_blank,
     is_comment,
     is_number,
     parse_number,
     split_fields,
-    words,
 )
 from kalscope.sources.grammar.line_format import (
     LineFormat,
@@ -52,17 +53,10 @@ MAX_ABOVE = 0.2
 """Largest share of the rows that may be another table above the names, of calibration for instance."""
 _WAYS = [re.compile(pattern) for pattern in (",", r"[ \t]+(?![\[(])", r"[ \t]{2,}|\t")]
 """How names above columns that blanks separate may be: at commas, with units in brackets, at wide gaps."""
-_RULED = frozenset("-=_+|:;, \t")
+_RULED = frozenset("-=_+|:;,#%/ \t")
 """Characters of a ruled line below the names."""
-_SETTINGS = words(
-    """
-    sample sampling record serial operator user site station gain offset firmware software version model device
-    instrument manufacturer start created comment comments title project province
-    """
-)
-"""First words, in lower case, of the properties of a recording that may be above its table."""
-_MAX_NAME = 40
-"""A longer single cell above a column of numbers is a sentence."""
+_MAX_NAME, _MAX_WORDS = 40, 3
+"""A longer single cell above a column of numbers is a sentence, and so is a comment of more words a cell."""
 
 Row = tuple[int, Cells]
 """Line number, from 1, and the cells of a line."""
@@ -109,26 +103,25 @@ class Body:
     """Columns that are filled in the first rows only: metadata beside the data."""
 
 
-def find_body(lines: list[HeadLine], table: HeadTable, plan: Plan, kinds: CellKinds) -> Body:
+def find_body(head: Sequence[str], lines: list[HeadLine], table: HeadTable, plan: Plan, kinds: CellKinds) -> Body:
     """The rows of a table among the lines of a file.
 
     Args:
+        head: The first lines of the file.
         lines: The lines that may hold data.
         table: How they are split.
         plan: What is decided already.
         kinds: The kinds of cells by the table's decimal mark.
     """
-    least = plan.preface.first_row or 1
-    rows = [row for row in table.rows if row[0] >= least] or list(table.rows)
-    left_out = {i for i in plan.preface.left_out if i < table.width}
-    beside, types = _beside(rows, table.width, kinds) | left_out, _types(rows, table.width, kinds)
+    rows = [row for row in table.rows if row[0] >= plan.preface.first_row] or list(table.rows)
+    beside, types = _beside(rows, table.width, kinds), _types(rows, table.width, kinds)
     body = Body(tuple(rows), rows[0][0], (), types, beside)
     if table.form.kind != "table":
         return body
     grid = _Grid(lines, table, body, kinds)
-    first = grid.first_row(least)
+    first = grid.first_row(plan.preface.first_row)
     rows = grid.rows_from(first) or list(table.rows[:1])
-    return Body(tuple(rows), first, grid.above(first), _types(rows, table.width, kinds), beside)
+    return Body(tuple(rows), first, grid.above(first, head), _types(rows, table.width, kinds), beside)
 
 
 def _types(rows: Sequence[Row], width: int, kinds: CellKinds) -> tuple[ColumnType, ...]:
@@ -208,29 +201,21 @@ class _Grid:
         data = [i for i, line in enumerate(lines) if i >= best and line.fit in ("row", "partial")]
         if not data:
             return self._table.rows[0][0]
-        likely = (i for i in data if best or not self._is_label(lines[max(0, i - 1) : i + 1]))
-        start = next(likely, data[0])
-        while start and (lines[start - 1].fit == "void" or self._repeats(lines[max(0, start - 2) : start + 1])):
-            start -= 1
-        return lines[start].number
+        whole = next((i for i in data if lines[i].fit == "row"), data[0])
+        # A word that repeats at once is no names and no label, but ERR in place of a sample.
+        texts = [line.text if line.fit == "text" else self._label_of(line) for line in lines[: whole + 1]]
+        names = {i for i in range(best, whole) if lines[i].fit == "text" and len({*lines[i].cells}) > 1}
+        once = {i for i in range(best, whole) if texts[i] and texts[i] not in (texts[i - 1], texts[i + 1])}
+        above = names | once
+        start = max(above, default=best - 1) + 1
+        return next(line.number for line in lines[start:] if line.fit is not None)
 
-    def _repeats(self, lines: Sequence[_Line]) -> bool:
-        """True for the second ERR of three lines, the first of which may be the names: one word is no names."""
-        cells = lines[-2].cells
-        near = [line.cells for line in lines]
-        return len(lines) > 2 and lines[1].fit == "text" and len({*cells}) == 1 and near.count(cells) > 1
-
-    def _is_label(self, lines: Sequence[_Line]) -> bool:
-        """True for `Sample rate,100`, the last of two lines, where the first holds no names: text above numbers.
-
-        More texts than numbers are a label anywhere: `08:30:05 CPU %user %nice`, a stamp beside names.
-        """
-        cells = lines[-1].cells
-        judged = zip(self._types, cells, strict=False)
+    def _label_of(self, line: _Line) -> str:
+        """Text above numbers, `Sample rate,100`, or names beside a stamp, `08:30:05 CPU %user %nice`; else ""."""
+        judged, first = zip(self._types, line.cells, strict=False), line.cells[0]
         texts = {cell for kind, cell in judged if kind.judge(cell, self._kinds) == "strange"}
-        nameless = len(lines) < 2 or lines[0].fit != "text" or self._is_setting(lines[0].cells)
-        named = len(texts) > max(1, sum(self._kinds[cell] in NUMERIC for cell in cells))
-        return lines[-1].fit == "partial" and (named or (cells[0] in texts and nameless))
+        named = len(texts) > max(1, sum(self._kinds[cell] in NUMERIC for cell in line.cells))
+        return first if line.fit == "partial" and (named or (first in texts and first[0].isalpha())) else ""
 
     def _begins_anew(self, line: _Line, above: Sequence[_Line], below: Sequence[_Line]) -> bool:
         """True for names that differ from those above, below an empty line or one that is not of the table.
@@ -254,22 +239,44 @@ class _Grid:
             if line.number >= first and line.fit in ("row", "partial", "void")
         ]
 
-    def above(self, first: int) -> tuple[Row, ...]:
-        """(line number, cells) of the lines of text right above the first row that may name its columns."""
-        found: list[Row] = []
+    def above(self, first: int, head: Sequence[str]) -> tuple[Row, ...]:
+        """(line number, cells) of the lines above the first row that may name its columns, nearest first.
+
+        Comments are prose more often than names: only the nearest count, and below other names only units.
+        """
         lines = [line for line in self._lines if line.number < first][-MAX_HEADER_LINES:]
         if [(line.fit, len(line.cells)) for line in lines[-2:]] == [("text", self._table.width), (None, 1)]:
             lines.pop()  # `Step Information: R=1K` below the names
-        for line in reversed(lines):
-            if set(line.text) - _RULED:
-                cells = header_cells(line.text, self._table.form.delimiter, self._least)
-                if not self._may_name(cells):
-                    break
-                found.append((line.number, cells))
+        plain = {line.number: line.text for line in lines}
+        remarks = {i: text for i, text in enumerate(head[: first - 1], 1) if is_comment(text)}
+        found, closed = list[Row](), set[bool]()
+        for number, text in sorted((plain | remarks).items(), reverse=True):
+            is_remark = number in remarks
+            cells = header_cells(text, self._table.form.delimiter, self._least)
+            is_ruled = not set(text) - _RULED and not (len(cells) > 1 and are_units(cells))
+            if is_remark in closed or is_ruled:
+                continue
+            is_aligned = self._table.form.delimiter == " " and not is_remark and not found
+            if is_aligned and len(cells) < self._least and are_units(cells):
+                continue  # above some of the columns, nobody knows which
+            if self._are_listed(cells) if is_remark else self._may_name(cells):
+                found.append((number, cells))
+            else:
+                closed.add(is_remark)
+        if any(number in plain and not are_units(cells) for number, cells in found):
+            found = [row for row in found if row[0] in plain or are_units(row[1])]
         widths = [len(line.cells) for line in lines]
-        if found and len(found[0][1]) < self._least and widths.count(len(found[0][1])) > 1:
+        if found and found[0][0] in plain and len(found[0][1]) < self._least and widths.count(len(found[0][1])) > 1:
             return ()  # `Gain;24` above `Site;Barn 7` are pairs, not names
         return tuple(found)
+
+    def _are_listed(self, cells: Cells) -> bool:
+        """True for a comment that is a list of names, as `# time ax ay` of numpy.savetxt, not a sentence."""
+        width, names = self._table.width, cells[: max((i for i, cell in enumerate(cells, 1) if cell), default=0)]
+        is_full = len(names) <= width and all(kind.kind == "empty" for kind in self._types[len(names) :])
+        numeric = any(self._kinds[name] in ("number", "stamp", "missing") for name in names)
+        are_names = len(names) > 0 and is_full and not numeric and all(map(_is_name, names))
+        return width > 1 and (are_names or (len(cells) == width and are_units(cells)))
 
     def _may_name(self, cells: Cells) -> bool:
         """True for text in about as many cells as a row has."""
@@ -279,25 +286,31 @@ class _Grid:
         else:
             # Split at blanks, any sentence has several cells.
             prose = self._table.form.delimiter == " "
-            low, high = (self._least - 1, width) if prose else (self._least // 2, 2 * width)
+            low, high = (self._least - 1, width) if prose else (self._least - self._least // 2, 2 * width)
             fits = max(2, low) <= len(cells) <= high and not (prose and cells[-1].endswith((".", ":")))
         numeric = any(self._kinds[cell] in ("number", "stamp") for cell in cells if cell)
-        told = cells[0].endswith(("=", ":")) or self._is_setting(cells)
-        return fits and any(cells) and not numeric and not told
+        is_setting = cells[0].endswith(("=", ":")) or (len(cells) == 2 and self._kinds[cells[1]] == "measure")
+        return fits and any(cells) and not numeric and not is_setting
 
-    def _is_setting(self, cells: Cells) -> bool:
-        """True for `Firmware,v2.31b`: a property of the recording, and its value."""
-        others = sum(cell != "" for cell in cells[1:])
-        return others == 1 and not _SETTINGS.isdisjoint(cells[0].lower().strip(" :=").split()[:1])
+
+def _is_name(text: str) -> bool:
+    """A few words, perhaps with their unit in brackets or after a comma: not a sentence."""
+    bare = text.partition("[")[0].partition("(")[0].strip()
+    short = 0 < len(bare) <= _MAX_NAME and len(bare.split()) <= _MAX_WORDS
+    return short and not bare.endswith(":") and not any(mark in bare for mark in "\t;|")
 
 
 def header_cells(text: str, delimiter: str, width: int) -> Cells:
-    """The cells of a line above `width` columns.
+    """The cells of a line above `width` columns, a comment or not; in `#,level,flow` the mark is a name itself.
 
-    Names of columns that blanks separate may be separated otherwise: `t [us]   torque`, `Air Temp  Rel Hum`.
+    Names of columns that blanks separate may be separated otherwise: `t [us]   torque`, `Air Temp  Rel Hum`. Names
+    above tabs may be as well.
     """
     cells = tuple(split_fields(text, delimiter))
-    if delimiter != " " or len(cells) == width:
+    if is_comment(text) and (delimiter == " " or next(filter(None, cells)) not in COMMENT_MARKS):
+        text = text.strip().lstrip("#%/").strip()
+        cells = tuple(split_fields(text, delimiter))
+    if len(cells) in (width, 0) or (delimiter != " " and (delimiter != "\t" or len(cells) > 1)):
         return cells
     ways = (tuple(cell.strip() for cell in way.split(text.strip())) for way in _WAYS)
     return next((found for found in ways if len(found) == width), cells)
@@ -310,8 +323,8 @@ def header_cells(text: str, delimiter: str, width: int) -> Cells:
 
 _MAX_CELLS = 4096
 """A line of more cells is not a row of any table."""
-MIN_RUN, MIN_NAMED_RUN = 8, 3
-"""Successive lines of another width that mean a new field, not damage; and how many below its name."""
+MIN_RUN = 3
+"""Successive lines of another width that mean a new field, not damage."""
 MAX_JUDGED = 500
 """Rows of a run by which two widths are compared."""
 _BEGIN = re.compile(
@@ -423,21 +436,13 @@ def _as_table(
     if not width or weight[width] < MIN_TEXT_SHARE * len(lines):
         return None
     rows = [(line.number, split(line.text)) for line in lines if likely[line.shape]]
-    void = {shape for shape, texts in some.items() if _is_void(split(texts[0]), kinds)}
-    judged = [(line.number, split(line.text)) for line in lines if likely[line.shape] or line.shape in void]
     above = ((line.number, split(line.text)) for line in reversed(lines))
-    width, narrow = _grown_width(judged, above, width, kinds)
+    width, narrow = _grown_width(rows, above, width, kinds)
     total = sum(weight[w] for w in (width, *narrow))
     if len(lines) >= MIN_UNIFORM_LINES and total < MIN_UNIFORM * sum(weight.values()):
         return None
     rows = [(n, cells + ("",) * (width - len(cells))) for n, cells in rows if len(cells) in (width, *narrow)]
     return HeadTable(total / len(lines), form, width, tuple(rows), narrow)
-
-
-def _is_void(cells: Cells, kinds: CellKinds) -> bool:
-    """True for a row of a stamp and missing samples."""
-    found = {kinds[cell] for cell in cells}
-    return "stamp" in found and found <= {"stamp", "missing", "word"}
 
 
 def _grown_width(rows: list[Row], above: Iterable[Row], width: int, kinds: CellKinds) -> tuple[int, frozenset[int]]:
@@ -447,21 +452,19 @@ def _grown_width(rows: list[Row], above: Iterable[Row], width: int, kinds: CellK
     have no names of their own.
 
     Args:
-        rows: The lines that look like data, or hold a stamp and missing samples.
+        rows: The lines that look like data.
         above: All lines, the last first.
         width: The commonest width.
         kinds: The kinds of cells.
     """
     runs = [list(run) for _, run in groupby(rows, key=lambda row: len(row[1]))]
-    runs = [run for run in runs if len(run) >= MIN_NAMED_RUN and len(run[0][1]) > 1]
-    # `Gain,24` above the names may look like the first row of the first run.
-    begin, widest = runs[0][1][0] if runs else 0, max((len(run[0][1]) for run in runs), default=0)
+    runs = [run for run in runs if len(run) >= MIN_RUN and len(run[0][1]) > 1]
+    begin = runs[0][1][0] if runs else 0  # `Gain,24` above the names may look like the first row of the first run
     texts = (cells for number, cells in above if number < begin and only_text(cells, kinds.decimal))
     named = len(next(texts, ()))
     long: dict[int, list[Row]] = {}
     for run in runs:
-        if len(run) >= (MIN_NAMED_RUN if named == widest else MIN_RUN):
-            long.setdefault(len(run[0][1]), []).extend(run[:MAX_JUDGED])
+        long.setdefault(len(run[0][1]), []).extend(run[:MAX_JUDGED])
     if rows and width < named == len(rows[0][1]):
         long.setdefault(named, rows[:1])  # it alone holds what is the same in all: a serial number
     if len(long) < 2 or width not in long:

@@ -19,7 +19,6 @@ from typing import Any, BinaryIO, TextIO
 from kalscope.common.files import temporary_folder
 from kalscope.common.progress import Progress
 from kalscope.errors import BadFile, Cancelled
-from kalscope.sources.grammar.cells import wide_encoding
 from kalscope.sources.grammar.line_format import ESCAPE, split_checksum, without_escapes
 
 # What a packed file holds: gzip and Zstandard, bounded, with progress, and refused when cut short.
@@ -196,9 +195,8 @@ def find_encoding(raw: RawFile, progress: Progress) -> str:
     if not head:
         raise BadFile(f"{name} must hold lines of numbers (got an empty file)")
     what = next((what for magic, what in _FOREIGN.items() if head.startswith(magic)), "")
-    wide = wide_encoding(head[:_HEAD])
-    if not what and wide is not None:
-        return wide
+    if head.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        return "utf-16"
     # Long runs of NULs between text are left to the reader of lines.
     text = _NUL_RUN.sub(b"", head[:_HEAD]).replace(ESCAPE.encode(), b"")
     is_text = len(_CONTROL.findall(text)) <= _MAX_CONTROL * len(text) and text
@@ -260,7 +258,7 @@ def sample_lines(raw: RawFile, encoding: str) -> list[str]:
     """Whole lines from the middle and from the end of a file, "" between; none of text in pairs of bytes."""
     samples: list[str] = []
     with raw.path.open("rb") as file:
-        for start in () if encoding.startswith("utf-16") else (raw.size // 2, raw.size - SAMPLE_BYTES):
+        for start in () if encoding == "utf-16" else (raw.size // 2, raw.size - SAMPLE_BYTES):
             file.seek(max(start, 0))
             lines = list(open_text(io.BytesIO(file.read(SAMPLE_BYTES)), encoding))
             samples += ["", *(line.rstrip("\n") for line in lines[1:-1])]  # the others may be cut

@@ -236,7 +236,7 @@ def finish(rng: Random, case: Case, lines: list[str], prefaces: tuple[str, ...] 
         case.dialect["status"] = True
     newline = rng.choice(["\n", "\n", "\n", "\r\n", "\r\n", "\r"])
     text = newline.join(lines) + newline
-    encodings = ["utf-8"] * 5 + ["utf-8-sig", "utf-16", "utf-16-le", "utf-16-be", "latin-1"]
+    encodings = ["utf-8"] * 5 + ["utf-8-sig", "utf-16", "latin-1"]
     encoding = rng.choice(encodings)
     case.dialect |= {"newline": newline, "encoding": encoding}
     case.data = text.encode(encoding)
