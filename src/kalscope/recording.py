@@ -43,18 +43,8 @@ class Timing:
     """The period in s by the stamps alone; None where they give none."""
     pauses: int = 0
     """Steps at which samples are missing: gaps in time."""
-    missing: int = 0
-    """Rows that `--gaps missing` inserts, or has inserted, into the gaps."""
-    first_pause: int = 0
-    """The sample, from 1, after which the first of them comes; 0 where there is none."""
-    longest_pause: float = 0.0
-    """The longest of these steps in s."""
-    resolution: float | None = None
-    """Step of the clock in s where it is coarser than the sample period."""
     summary: str = ""
     """The rate in a few words: "13.4 Hz from uneven stamps, standard error 0.20 %"; "" where it is unknown."""
-    notes: tuple[str, ...] = ()
-    """What was done with the stamps, each a sentence; they are among `ReadReport.notes` too."""
 
 
 class Assumption(str):

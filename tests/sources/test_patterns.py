@@ -107,21 +107,16 @@ def test_no_pattern_is_made_where_the_others_are_not_found():
 
 
 @each(
-    ("pattern", "use"),
+    ("pattern", "use", "is_slow"),
     [
-        (r"\s*(?:#|%|//)\s*unit\s+(.+?)\s*:\s*(.+?)\s*", "fullmatch"),
-        (r"(a+)+b", "match"),
-        (r"([^\s:]+)\s*:", "findall"),
-        (r"[0-9]+\.?[0-9]*", "fullmatch"),
-        (r"1*?y", "search"),
+        (r"\s*(?:#|%|//)\s*unit\s+(.+?)\s*:\s*(.+?)\s*", "fullmatch", True),
+        (r"(a+)+b", "match", True),
+        (r"([^\s:]+)\s*:", "findall", True),
+        (r"1*?y", "search", True),
+        (r"[ \t]+", "findall", False),
+        (r"\s*([^\s:][^:]*):(.*)", "match", False),
+        (r"(?:a{1,9}b)?", "findall", False),
     ],
 )
-def test_the_count_finds_what_is_worse_than_linear(pattern, use):
-    assert worst_growth(re.compile(pattern), use, SIZE, MAX_STEPS) is not None
-
-
-@pytest.mark.parametrize(
-    ("pattern", "use"), [(r"[ \t]+", "findall"), (r"\s*([^\s:][^:]*):(.*)", "match"), (r"(?:a{1,9}b)?", "findall")]
-)
-def test_the_count_lets_linear_patterns_pass(pattern, use):
-    assert worst_growth(re.compile(pattern), use, SIZE, MAX_STEPS) is None
+def test_the_count_tells_linear_patterns_from_worse(pattern, use, is_slow):
+    assert (worst_growth(re.compile(pattern), use, SIZE, MAX_STEPS) is not None) is is_slow

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from simulated_device import DEVICES, Device
 
 from kalscope import read_recording
-from kalscope.sources.grammar.timestamps import CLOCK_PARSERS, TimeColumn
+from kalscope.sources.grammar.timestamps import TimeColumn, stamp_parser
 from kalscope.sources.reading.account import summary
 from kalscope.sources.reading.axis import (
     GivenPeriod,
@@ -24,18 +24,37 @@ from kalscope.sources.reading.axis import (
 
 
 @each(
-    ("clock", "cells", "seconds", "said"),
+    ("form", "stamps", "seconds", "said"),
     [
-        ("h:m:s", ["23:59:59", "00:00:00", "00:00:01"], [0, 1, 2], "midnight once"),
-        ("min:s", ["59:59.5", "00:00.5", "59:00.5", "00:00.5"], [0, 1, 3541, 3601], "the hour 2 times"),
-        ("elapsed", ["99:59:59", "100:00:00", "0:00:00"], [0, 1, -359999], "on the clock"),
+        ("h:m:s", "23:59:59 00:00:00 00:00:01", [0, 1, 2], "once, like a clock at midnight"),
+        ("h:m:s", "12:59:58 12:59:59 01:00:00", [0, 1, 2], "once, like a clock at noon"),
+        ("h:m:s", "20:00:00 20:00:01 06:00:00", [0, 1, 36000], "once, like a clock at midnight"),
+        (
+            "elapsed",
+            "59:59.5 00:00.5 59:59.5 00:00.5",
+            [0, 1, 3600, 3601],
+            "2 times, like a clock at the full hour",
+        ),
+        ("elapsed", "99:59:59 100:00:00 0:00:00", [0, 1, -359999], "steps back once"),
+        ("s", "86399 0 1", [86399, 86400, 86401], "once, like seconds of the day"),
+        ("ms", "604799800 0 200", [604799.8, 604800, 604800.2], "once, like milliseconds of the week"),
+        ("s", "4294.96 0.003 0.013", [4294.96, 4294.970296, 4294.980296], "once, like a 32-bit counter (micros())"),
+        ("ms", "65519 65529 3", [65.519, 65.529, 65.539], "once, like a 16-bit counter"),
+        ("ms", "4294966305 6 1003", [4294966.305, 4294967.302, 4294968.299], "once, like a 32-bit counter"),
+        ("ms", "10 20 30 0 10", [0.01, 0.02, 0.03, 0, 0.01], "time steps back once"),  # the device restarted
+        ("ms", "40000 40010 40020 0 10", [40, 40.01, 40.02, 0, 0.01], "time steps back once"),
+        ("ms", "65520 65530 65525 65535", [65.52, 65.53, 65.525, 65.535], "time steps back once"),
+        ("ms", "-10 65530 4", [-0.01, 65.53, 0.004], "time steps back once"),
+        ("ymd", "2024-10-27T02:58 2024-10-27T02:59 2024-10-27T02:00", [0, 60, 120], "is set back by an hour"),
+        ("ymd", "2024-10-27T02:58 2024-10-27T02:59 2024-10-27T02:30", [0, 60, -1680], "steps back once"),
     ],
 )
-def test_clocks_begin_again_and_elapsed_time_never_does(clock, cells, seconds, said):
-    stamps = np.array([CLOCK_PARSERS[clock](cell) for cell in cells])
-    time, how = to_seconds(stamps, TimeColumn(0, "clock", clock=clock))
-    assert time.tolist() == seconds
-    assert how.endswith(said)
+def test_clocks_and_counters_that_begin_again_go_on_and_others_step_back(form, stamps, seconds, said):
+    kinds = {"ymd": TimeColumn(0, "calendar"), **{unit: TimeColumn(0, "number", unit) for unit in ("s", "ms")}}
+    column = kinds.get(form) or TimeColumn(0, "clock", clock=form)
+    axis = read_time(np.array([stamp_parser(column, ".")(cell) for cell in stamps.split()]), column)
+    assert axis.time == pytest.approx(seconds, abs=1e-6)
+    assert any(said in note for note in axis.notes)
 
 
 def days_from(first, per_day):
@@ -45,7 +64,7 @@ def days_from(first, per_day):
 UNITS = {
     "s": (
         *([0, 1, 2], [0.0, 8.5, 17.1], [0, 60, 120], [0, 3600, 7200], [0, 300, 600], [0, 5, 10]),
-        *(days_from(45123.5, 100), days_from(45123.5, 3), days_from(39000.5, 144), [1.7e9, 1.7e9 + 1]),
+        *(days_from(45123.5, 100), days_from(45123.5, 3), [1.7e9, 1.7e9 + 1]),
         45123.5 + np.cumsum(np.random.default_rng(1).uniform(0, 0.1, 50)),
     ),
     "ms": (
@@ -54,8 +73,9 @@ UNITS = {
     ),
     "us": ([71, 250_071, 500_079], [7e8, 7e8 + 2500, 7e8 + 5004], [1.7e15, 1.7e15 + 1e4], [1.2e9, 1.2e9 + 4e3]),
     "ns": ([584065454762638, 584065474483599], [1.7e18, 1.7e18 + 1e7]),
+    "100ns": ([133540000000000000, 133540000001000000], [638451306000000000, 638451306000100000]),
     "day": (
-        *(days_from(45123.5, 144), np.round(days_from(45123.5, 1440), 9)),
+        *(days_from(45123.5, 144), days_from(0.25, 43200), np.round(days_from(45123.5, 1440), 9)),
         *(days_from(739000.5, 86400), days_from(2460000.5, 24)),
     ),
 }
@@ -67,11 +87,16 @@ def test_the_unit_follows_from_the_size_of_stamp_and_step(unit):
 
 
 @pytest.mark.parametrize(
-    ("first", "date"),
-    [(45123.5, "2023-07-16T12:00:00"), (739000.5, "2023-04-24T12:00:00"), (2460000.5, "2023-02-25T00:00:00")],
+    ("first", "step", "date"),
+    [
+        *((45123.5, 1 / 144, "2023-07-16T12:00:00"), (739000.5, 1 / 144, "2023-04-24T12:00:00")),
+        *((60123.25, 1 / 144, "2023-06-28T06:00:00"), (2460000.5, 1 / 144, "2023-02-25T00:00:00")),
+        *((3792385800, 600, "2024-03-04T08:30:00"), (1.7e12, 6e5, "2023-11-14T22:13:20")),  # LabVIEW, JavaScript
+        *((133540000000000000, 6e9, "2024-03-04T04:26:40"), (638451306000000000, 6e9, "2024-03-04T06:30:00")),
+    ],
 )
-def test_numbers_of_days_count_from_their_date(first, date):
-    seconds, said = to_seconds(first + np.arange(50) / 144, TimeColumn(0, "number"))
+def test_stamps_count_from_the_date_that_their_size_shows(first, step, date):
+    seconds, said = to_seconds(first + step * np.arange(50), TimeColumn(0, "number"))
     assert seconds.tolist() == [600.0 * i for i in range(50)]
     assert f"time counts from {date}+00:00" in said
 
@@ -187,13 +212,6 @@ def test_shifted_and_stretched_stamps_have_the_shifted_and_stretched_rate(name, 
         assert changed.pauses.tolist() == found.pauses.tolist()
 
 
-@each("size", [1e-300, 1e-120, 1e120, 1e300])
-def test_stamps_of_any_size_are_read_without_a_warning(size):
-    found = find_rate(np.cumsum(np.random.default_rng(1).exponential(size, 100)))
-    assert np.isinf(found.error)
-    assert 0 < found.period < np.inf
-
-
 CROWDED = [name for name, (_, stamps) in DEVICES.items() if stamps not in ("even", "uneven")]
 
 
@@ -226,34 +244,6 @@ def test_a_rate_that_drifts_is_followed():
 NUMBER = TimeColumn(0, "number", "ms")
 
 
-@each(("size", "name"), [(2**16, "16-bit"), (2**32, "32-bit")])
-@each("step", [1, 10, 997])
-def test_a_counter_that_wraps_is_counted_on_and_said(size, name, step):
-    true = size - 5 * step + step * np.arange(60.0)
-    axis = read_time(true % size, NUMBER)
-    np.testing.assert_allclose(np.diff(axis.time), step / 1000, rtol=1e-6)
-    assert axis.backward == 0
-    assert any("wrap once" in note and name in note for note in axis.notes)
-
-
-@each(
-    "stamps",
-    [
-        [0, 10, 20, 30, 0, 10, 20],  # the device restarted
-        [40_000, 40_010, 40_020, 0, 10, 20],
-        [65_520, 65_530, 65_525, 65_535],  # out of order
-        [65_530.5, 65_535.5, 4.5, 9.5],  # no counter has fractions
-        [-10, 65_530, 4],
-    ],
-)
-def test_other_steps_back_stay_steps_back(stamps):
-    stamps = np.array(stamps, dtype=float)
-    axis = read_time(stamps, NUMBER)
-    np.testing.assert_array_equal(axis.time, stamps / 1000)
-    assert axis.backward == np.count_nonzero(np.diff(stamps) < 0)
-    assert any("time steps back" in note for note in axis.notes)
-
-
 def test_samples_that_were_written_twice_are_counted_and_named():
     stamps = np.sort(np.concatenate((np.arange(100.0), [1.0, 50.0, 51.0]))) * 10
     axis = read_time(stamps, NUMBER)
@@ -261,7 +251,7 @@ def test_samples_that_were_written_twice_are_counted_and_named():
     assert any("3 samples repeat an earlier stamp, first at sample 3" in note for note in axis.notes)
 
 
-@each("step", [1e-320, 1e60])
+@each("step", [1e-320, 1e-120, 1e60, 1e120])
 def test_stamps_too_fine_or_too_coarse_for_a_rate_are_no_time(step):
     stamps, column = step * np.arange(60.0), TimeColumn(0, "number", "s")
     axis = read_time(stamps, column)
@@ -284,8 +274,7 @@ WHOLE_SECONDS = np.floor(np.arange(7000) / 67) * 1000
 
 def test_a_coarse_clock_has_neither_gaps_nor_repeated_samples():
     axis = read_time(WHOLE_SECONDS, NUMBER)
-    assert axis.timing.period == pytest.approx(1 / 67, rel=1e-3)
-    assert (axis.timing.stamps, axis.timing.resolution, axis.timing.pauses) == ("coarse", 1.0, 0)
+    assert (axis.timing.stamps, axis.timing.pauses) == ("coarse", 0)
     assert not any("repeat" in note or "gap" in note for note in axis.notes)
     assert axis.notes[-1].startswith("the clock has a resolution of 1 s: samples were placed evenly between its")
     assert "67.0 Hz" in axis.notes[-1]
@@ -300,14 +289,10 @@ UNSTEADY = np.cumsum(np.random.default_rng(1).pareto(1.1, 400) * 10 + 2)
     [
         (WHOLE_SECONDS, GivenPeriod(file=1 / 66.5), "file", 66.5, "the one that the file gives, 66.5 Hz"),
         (WHOLE_SECONDS, GivenPeriod(file=1 / 33), "stamps", 67, "gives a sample rate of 33.0 Hz, but its stamps"),
-        (WHOLE_SECONDS, GivenPeriod(0.015, 1 / 66.5), "option", 1 / 0.015, "the clock has a resolution of 1 s"),
-        (np.arange(500) * 10.0, GivenPeriod(file=0.0101), "stamps", 100, "stamps are read as ms"),
         (np.arange(500) * 10.0, GivenPeriod(file=0.02), "stamps", 100, "gives a sample rate of 50.0 Hz, but its"),
         (np.arange(500) * 10.0, GivenPeriod(option=0.02), "option", 50, "stamps are read as ms"),
-        (np.full(50, 7000.0), GivenPeriod(file=0.02), "file", 50, "stamps are read as ms"),
         (UNSTEADY, GivenPeriod(file=0.03), "file", 1 / 0.03, "the one that the file gives, 33.3 Hz"),
         (UNSTEADY, GivenPeriod(file=0.001), "stamps", 99.1, "gives a sample rate of 1.00 kHz, but its stamps"),
-        (UNSTEADY, GivenPeriod(file=5.0), "stamps", 99.1, "gives a sample rate of 0.200 Hz, but its stamps"),
         (np.array([0.0, 0, 0, 1000, 1000]), GivenPeriod(file=0.34), "file", 1 / 0.34, "the file gives, 2.94 Hz"),
     ],
 )

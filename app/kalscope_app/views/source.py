@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shlex
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -25,7 +26,6 @@ from kalscope.recording import Recording
 from kalscope.sources.grammar.read_options import (
     OPTIONS,
     ReadOptions,
-    join_values,
     option_words,
     options_from_text,
     split_values,
@@ -443,7 +443,7 @@ class SourceView:
 
 def words_of(options: ReadOptions) -> str:
     """Options as they are typed."""
-    return join_values(option_words(options))
+    return shlex.join(option_words(options))
 
 
 def _period_typed(_name: str, text: str) -> Change:

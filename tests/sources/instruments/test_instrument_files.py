@@ -34,12 +34,6 @@ FILES = {
          "Vertical Units,V,A", ",,", "TIME,CH1,CH2", *TRACE],
         "CH1 CH2", "V A", 1e-5,
     ),
-    "keysight": (["x-axis,1,2", "second,Volt,Ampere", *[line[:-1] for line in TRACE]], "1 2", "V A", 1e-5),
-    "lecroy": (
-        ["LECROYWS3024,12304,Waveform", "Segments,1,SegmentSize,60", "Segment,TrigTime,TimeSinceSegment1",
-         "#1,22-Jan-2015 11:35:11,0", "Time,Ampl", *lines("{:.3e},{}", t=T * 1e-5, a=A)],
-        "Ampl", "-", 1e-5,
-    ),
     "picoscope": (
         ["Time,Channel A,Channel B", "(ms),(V),(mV)", ",", *lines("{:.5f},{},{}", t=T * 0.01, a=A, b=B)],
         "Channel A|Channel B", "V mV", 1e-5,
@@ -76,7 +70,6 @@ COPIED = {
     "blank lines above": lambda text: ["", "", *text],
     "blanks behind commas": lambda text: [line.replace(",", ", ") for line in text],
     "all cells quoted": lambda text: [quoted(line) for line in text],
-    "one more separator": lambda text: [line + "," for line in text],
     "a line for a spreadsheet": lambda text: ["sep=,", *text],
 }
 CASES = [
@@ -96,12 +89,3 @@ def test_a_whole_file_as_it_is_or_copied_by_a_script(name, copied, tmp_path):
     assert (recording.names, recording.units, recording.report.rejected) == (words(names), words(units), 0)
     assert recording.values[:, int(name == "campbell")] == pytest.approx(A)
     assert recording.sample_period == pytest.approx(period, rel=1e-6)
-
-
-def test_the_start_is_said_where_there_are_stamps(tmp_path):
-    path = tmp_path / "file.csv"
-    text = ["1551453301.000000, IBI", *lines("{:.6f},{}", t=T + 145.631666, a=A)]
-    path.write_text("\n".join(text) + "\n", encoding="utf-8")
-    recording = read_recording(path)
-    assert recording.time[0] == pytest.approx(145.631666)
-    assert any(note.endswith("time counts from 2019-03-01T15:15:01+00:00") for note in recording.report.notes)

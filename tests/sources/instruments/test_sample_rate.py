@@ -24,6 +24,8 @@ TABLE = ["t,a", "0,1", "1,2", "2,3"]
         ("# Sampling Period = 4us", 4e-6),
         ("Abtastrate: 50 Hz", 0.02),
         ("; Samplerate: 20 MHz", 5e-8),
+        ("# sampled at 125 Hz", 0.008),
+        ("# fps: 30", 1 / 30),
         ('# fs = "12,50"', 0.08),
         ("Sample interval = 0,001 s", 1e-3),
         ("# gain=2,fs=100,filter=5", 0.01),

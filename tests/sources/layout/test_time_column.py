@@ -2,6 +2,7 @@
 
 import random
 from datetime import datetime, timedelta
+from itertools import pairwise
 
 import pytest
 from each import each
@@ -10,7 +11,7 @@ from kalscope.errors import BadSetting
 from kalscope.sources.grammar.read_options import ReadOptions
 from kalscope.sources.grammar.timestamps import TimeColumn, row_stamp_parser
 from kalscope.sources.reading.columns import Column, named_column
-from kalscope.sources.reading.time_columns import chosen_time, find_time, time_name
+from kalscope.sources.reading.time_columns import find_time, time_name
 
 N = 60
 START = datetime(2024, 3, 4, 9, 30)
@@ -86,7 +87,7 @@ def test_a_date_and_a_clock_beside_it_are_one_time(date, clock, is_date_first):
     time = find_time(columns, rows, ".", named=True, options=ReadOptions(day_first=day_first))
     assert sorted(time.indices) == [0, 1]
     parse = row_stamp_parser(time, ".")
-    steps = {b - a for a, b in zip(map(parse, rows), map(parse, rows[1:]), strict=False)}
+    steps = {b - a for a, b in pairwise(map(parse, rows))}
     assert steps == {700e6}
 
 
@@ -121,17 +122,25 @@ def test_date_columns_without_a_header_are_known_by_their_ranges(has_day_of_year
     rows = list(zip(*(stamps(code, 60) for code in codes), NOISE, strict=True))
     time = find_time(columns, rows, ".", named=False)
     parse = row_stamp_parser(time, ".")
-    assert time.indices == tuple(range(len(codes)))
+    assert [codes[i] for i in time.indices] == [code for code in codes if code != "%j"]
     assert parse(rows[5]) - parse(rows[0]) == 300e6
 
 
-def test_columns_that_repeat_a_part_of_the_time_are_taken_with_it():
-    parts = {name: stamps(code, 3600) for name, code in SIX.items()}
-    named = {"Date/Time": iso(3600), **parts, "hr": NOISE}
-    time = time_of(named)
-    assert (time.indices, time.also) == ((0,), (1, 2, 3, 4, 5, 6))
-    parts["Day"] = parts["Day"][::-1]  # a day of something else
-    assert time_of({"Date/Time": iso(3600), "Day": parts["Day"], "a": NOISE}).also == ()
+@each(
+    ("names", "codes", "step"),
+    [
+        ("sec msec", (lambda t: t // 1000, lambda t: t % 1000), 40),
+        ("secs nsecs", (lambda t: t // 1000, lambda t: t % 1000 * 10**6), 40e6),
+        ("week tow_ms", (lambda t: t // 604_800_000, lambda t: t % 604_800_000), 40),
+    ],
+)
+def test_a_column_that_counts_the_turns_of_the_next_is_taken_with_it(names, codes, step):
+    cells = ([str(code(1_709_769_599_000 + 40 * i)) for i in range(N)] for code in codes)
+    columns, rows = made({**dict(zip(names.split(), cells, strict=True)), "a": NOISE})
+    time = find_time(columns, rows, ".", named=True)
+    assert time.indices == (0, 1)
+    read = [row_stamp_parser(time, ".")(row) for row in rows]
+    assert [b - a for a, b in pairwise(read)] == pytest.approx([step] * (N - 1), abs=256)
 
 
 def test_a_damaged_part_is_no_stamp():
@@ -152,15 +161,15 @@ def test_a_damaged_part_is_no_stamp():
 def test_any_column_of_numbers_may_be_chosen_and_text_may_not():
     columns, rows = made({"Time in seconds": [str(10 * i) for i in range(N)], "a": NOISE})
     for choice in ("Time in seconds", "Time", 0):
-        time = chosen_time(columns, rows, ".", choice, ("Time in seconds", "a"))
+        time = find_time(columns, rows, ".", named=True, choice=choice, labels=("Time in seconds", "a"))
         assert (time.kind, time.unit) == ("number", "s")
     columns, rows = made({"x": NOISE, "place": ["here"] * N})
-    assert chosen_time(columns, rows, ".", "x").index == 0
-    assert chosen_time(columns, rows, ".", "none") is None
+    assert find_time(columns, rows, ".", named=True, choice="x").index == 0
+    assert find_time(columns, rows, ".", named=True, choice="none") is None
     with pytest.raises(BadSetting, match="must hold numbers or stamps"):
-        chosen_time(columns, rows, ".", "place")
+        find_time(columns, rows, ".", named=True, choice="place")
     with pytest.raises(BadSetting, match="must be one of"):
-        chosen_time(columns, rows, ".", "y")
+        find_time(columns, rows, ".", named=True, choice="y")
 
 
 def test_a_time_format_finds_its_column_and_says_where_it_fits_none():
@@ -170,7 +179,7 @@ def test_a_time_format_finds_its_column_and_says_where_it_fits_none():
         time_of(named, ReadOptions(time_format="%j:%H"))
     columns, rows = made(named)
     with pytest.raises(BadSetting, match=r"time_format must fit.*04\.03\.2024"):
-        chosen_time(columns, rows, ".", "time", options=ReadOptions(time_format="%H:%M"))
+        find_time(columns, rows, ".", named=True, choice="time", options=ReadOptions(time_format="%H:%M"))
 
 
 def test_stamps_since_1970_need_no_name():

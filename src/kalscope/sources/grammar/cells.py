@@ -247,6 +247,7 @@ _TIME_UNITS = {
     "s": (1.0, "s sec secs second seconds"),
     "ms": (1e-3, "ms msec msecs millis millisecond milliseconds"),
     "us": (1e-6, "us µs μs usec usecs micros microsecond microseconds"),
+    "100ns": (1e-7, "100ns"),
     "ns": (1e-9, "ns nsec nsecs nanos nanosecond nanoseconds"),
     "min": (60.0, "min mins minute minutes"),
     "h": (3600.0, "h hr hour hours"),

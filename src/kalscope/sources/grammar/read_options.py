@@ -17,13 +17,7 @@ WORD_OF_DECIMAL = {".": "point", ",": "comma"}
 """How the options of the command line name the marks."""
 DELIMITERS = tuple(WORD_OF_DELIMITER)
 """What may separate cells; a space is any run of blanks."""
-_MARK_OF_WORD = {
-    **{word: mark for mark, word in {**WORD_OF_DELIMITER, **WORD_OF_DECIMAL}.items()},
-    **dict.fromkeys(("blank", "blanks"), " "),
-    "\\t": "\t",
-    "pipe": "|",
-    "dot": ".",
-}
+_MARK_OF_WORD = {word: mark for mark, word in {**WORD_OF_DELIMITER, **WORD_OF_DECIMAL}.items()} | {"\\t": "\t"}
 
 
 def _is_line_number(value: object) -> bool:
@@ -139,38 +133,24 @@ def options_from_text(
     return ReadOptions(missing=values, gaps=cast("Gaps", gaps or "rows"), day_first=day_first, **chosen)
 
 
-def option_texts(options: ReadOptions) -> dict[str, tuple[str, ...]]:
-    """What was decided, as `options_from_text` takes it, by the name of its argument; `missing` may be several.
-
-    `day_first` is "day" or "month".
-    """
+def option_words(options: ReadOptions) -> tuple[str, ...]:
+    """What was decided, in the words of the command line: ("--delimiter", "comma", "--missing=-200")."""
     if options.header is False and options.header_row is None:
         options = replace(options, header_row=0)
     words: dict[str, Callable[[Any], object]] = {
         "delimiter": WORD_OF_DELIMITER.get,
         "decimal": WORD_OF_DECIMAL.get,
         "time_column": lambda column: column + 1 if isinstance(column, int) else column,
-        "day_first": lambda is_first: "day" if is_first else "month",
     }
-    given = {field: getattr(options, field.name) for field in fields(options)}
-    texts: dict[str, tuple[str, ...]] = {
-        field.name: (str(words.get(field.name, str)(value)),)
-        for field, value in given.items()
-        if value != field.default and field.name not in ("header", "missing")
-    }
-    if options.missing:  # -200 rather than -200.0
-        texts["missing"] = tuple(
-            value if isinstance(value, str) else repr(value).removesuffix(".0") for value in options.missing
-        )
-    return texts
-
-
-def option_words(options: ReadOptions) -> tuple[str, ...]:
-    """What was decided, in the words of the command line: ("--delimiter", "comma", "--missing=-200")."""
-    texts = option_texts(options)
-    order = [f"--{text}-first" for text in texts.pop("day_first", ())]
-    given = (option(name.replace("_", "-"), text) for name, values in texts.items() for text in values)
-    return (*order, *(word for words in given for word in words))
+    given = {field.name: getattr(options, field.name) for field in fields(options) if field.name != "header"}
+    given = {name: value for name, value in given.items() if value != getattr(DEFAULTS, name)}
+    day_first, missing = given.pop("day_first", None), given.pop("missing", ())
+    order = [] if day_first is None else ["--day-first" if day_first else "--month-first"]
+    texts = [(name.replace("_", "-"), str(words.get(name, str)(value))) for name, value in given.items()]
+    texts += [
+        ("missing", v if isinstance(v, str) else repr(v).removesuffix(".0")) for v in missing
+    ]  # -200, not -200.0
+    return (*order, *(word for name, text in texts for word in option(name, text)))
 
 
 def split_values(text: str) -> list[str]:
@@ -185,11 +165,6 @@ def split_values(text: str) -> list[str]:
         return list(words)
     except ValueError:
         raise BadSetting(f"""quotes must come in pairs, "no data" or 'no data' (got {text!r})""") from None
-
-
-def join_values(values: Sequence[str]) -> str:
-    """One line that `split_values` splits into the same values."""
-    return shlex.join(values)
 
 
 def option(name: str, value: str) -> tuple[str, ...]:

@@ -56,22 +56,23 @@ def is_weekday(word: str | None) -> bool:
 # Each function returns None for any other text. All patterns have bounded repeats only.
 
 
-ClockForm = Literal["h:m:s", "min:s", "elapsed", "hhmm", "hhmmss"]
-"""A time of day (`18:00`, `7:03:05.5 PM`, `18.00.00`); minutes and seconds (`56:36.147`); hours that may exceed 24,
-and days (`125:03:11`, `1 day, 0:00:05`); digits alone (`544`, `0544`; `54450`, `054450`)."""
+ClockForm = Literal["h:m:s", "elapsed", "h:mm", "hhmm", "hhmmss"]
+"""A time of day (`18:00`, `7:03:05.5 PM`, `18.00.00`); elapsed minutes and seconds, hours that may exceed 24, days
+(`56:36.147`, `125:03:11`, `1 day, 0:00:05`, `1h 2m 3s`); elapsed hours and minutes (`125:03`); digits alone (`544`,
+`0544`; `54450`, `054450`)."""
 
 MAX_STAMP_LENGTH = 64
 """A longer cell is not a stamp."""
 
 _CLOCK_TEXT = (
-    r"([0-9]{1,2})([:.])([0-9]{1,2})(?:([:.])([0-9]{1,2})(?:([.,:])([0-9]{1,9}))?)?(?: {0,2}([AaPp])\.?[Mm]\.?)?"
+    r"([0-9]{1,2})([:.])([0-9]{1,2})(?:([:.])([0-9]{1,2})(?:([.,:])([0-9]{1,9}))?)?(?: {0,2}([AaPp])\.? ?[Mm]\.?)?"
 )
 """The pattern of a time of day. Groups: hour, mark, minute, mark, second, mark, fraction, letter of AM or PM."""
 
 _CLOCK = re.compile(_CLOCK_TEXT)
-_MINUTES = re.compile(r"([0-9]{1,4}):([0-5][0-9])(?:[.,]([0-9]{1,9}))?")
 _ELAPSED = re.compile(
-    r"([-+]?)(?:([0-9]{1,5})(?: days?,? |d |\.))?([0-9]{1,6}):([0-5][0-9]):([0-5][0-9])(?:[.,]([0-9]{1,9}))?"
+    r"([-+]?)(?:([0-9]{1,5})(?: ?d(?:ays?)?,? ?|\.(?=[0-9]{1,2}:..:)))?(?:([0-9]{1,6})(?::|h ?))?"
+    r"([0-9]{1,4})(?::|m(?:in)? ?)([0-5]?[0-9])(?:[.,]([0-9]{1,9}))? ?s?"
 )
 
 
@@ -123,19 +124,13 @@ def _fraction_us(digits: str | None, mark: str | None = ".") -> int:
     return int(digits[:6].ljust(6, "0"))
 
 
-def _parse_minutes(cell: str) -> float | None:
-    """Microseconds of `56:36.147`, minutes and seconds."""
-    match = _MINUTES.fullmatch(cell)
-    return (int(match[1]) * 60 + int(match[2])) * 1e6 + _fraction_us(match[3]) if match else None
-
-
 def _parse_elapsed(cell: str) -> float | None:
-    """Microseconds of `125:03:11.5`, `1 day, 0:00:05`, `-00:00:05`: hours that may exceed 24, days, a sign."""
+    """Microseconds of `125:03:11.5`, `56:36.147`, `1 day, 0:00:05`, `-00:00:05`, `1h 2m 3s`."""
     match = _ELAPSED.fullmatch(cell)
-    if match is None:
+    if match is None or (match[3] and int(match[4]) > 59) or (":" in cell and len(match[5]) < 2):
         return None
-    hours = int(match[2] or 0) * 24 + int(match[3])
-    since = (hours * 3600 + int(match[4]) * 60 + int(match[5])) * 1e6 + _fraction_us(match[6])
+    days, hours, minutes, seconds = (int(part or 0) for part in match.groups()[1:5])
+    since = (((days * 24 + hours) * 60 + minutes) * 60 + seconds) * 1e6 + _fraction_us(match[6])
     return -since if match[1] == "-" else since
 
 
@@ -150,8 +145,8 @@ def _parse_digits(cell: str, width: int) -> float | None:
 
 CLOCK_PARSERS: dict[ClockForm, Callable[[str], float | None]] = {
     "h:m:s": parse_clock,
-    "min:s": _parse_minutes,
     "elapsed": _parse_elapsed,
+    "h:mm": lambda cell: _parse_elapsed(f"{cell}:00"),
     "hhmm": partial(_parse_digits, width=4),
     "hhmmss": partial(_parse_digits, width=6),
 }
@@ -357,7 +352,6 @@ MIN_EVEN = 0.9
 _WEIGHT_FILL, _WEIGHT_BACK = 10.0, 20.0
 _WEIGHT_DISTINCT, _WEIGHT_EVEN = 3.0, 1.0
 _EVEN_WITHIN, _EXACT_WITHIN = 0.2, 0.001
-_COUNTERS = (2.0**16, 2.0**32)
 
 
 @dataclass(frozen=True)
@@ -369,13 +363,11 @@ class Evidence:
     back: float = 0.0
     """Of the steps that move, those against the direction of most; a clock that passes midnight moves forward."""
     distinct: float = 1.0
-    """Stamps that do not repeat the one before: below 1 the clock is coarser than the sampling."""
+    """Stamps that do not repeat the one before: below 1 the clock is coarser than the sampling, 0: it stands."""
     even: float = 0.0
     """Steps within a fifth of the median step: months are even."""
     exact: float = 0.0
     """Steps within a thousandth of it."""
-    moves: bool = False
-    """True where any two stamps differ."""
 
     @property
     def weight(self) -> float:
@@ -389,20 +381,12 @@ class Evidence:
         return -self.back, self.even, self.exact
 
 
-def judge(stamps: Array, turn: float = 0.0) -> Evidence:
-    """What stamps show.
-
-    Args:
-        stamps: Of the sampled rows, shape (n,), NaN where unreadable.
-        turn: Where a clock wraps to 0, in the unit of the stamps; 0 where it never does.
-    """
+def judge(stamps: Array, column: TimeColumn | None = None) -> Evidence:
+    """What the stamps of a column of the sampled rows, shape (n,), NaN where unreadable, show."""
     read = stamps[np.isfinite(stamps)]
     if not read.size:
         return Evidence()
-    steps = np.diff(read)
-    for size in (turn,) if turn else _COUNTERS:
-        if float(read.max()) < size:
-            steps = np.where(steps < -size / 2, steps + size, steps)
+    steps = np.diff(unwrap(read, column)[0])
     ahead, back = int(np.count_nonzero(steps > 0)), int(np.count_nonzero(steps < 0))
     fill, moving = read.size / stamps.size, ahead + back
     if not moving:
@@ -414,7 +398,7 @@ def judge(stamps: Array, turn: float = 0.0) -> Evidence:
     share = min(ahead, back) / moving
     if share > MAX_BACK and in_order_is_even(read):
         share = MAX_BACK
-    return Evidence(fill, share, moving / steps.size, even, exact, moves=True)
+    return Evidence(fill, share, moving / steps.size, even, exact)
 
 
 def in_order_is_even(stamps: Array) -> bool:
@@ -423,15 +407,91 @@ def in_order_is_even(stamps: Array) -> bool:
     return bool(np.mean(np.abs(steps - np.median(steps)) < _EVEN_WITHIN * np.median(steps)) > MIN_EVEN)
 
 
+# What stamps count from and where they begin again.
+
+
+_EPOCHS: tuple[tuple[float, float, str, float], ...] = (
+    (1e9, 3e9, "s", 0),  # 2001 to 2065
+    (3e9, 4.2e9, "s", 2_082_844_800),  # LabVIEW counts from 1904: 1999 to 2037
+    (1e12, 4.2e12, "ms", 0),
+    (1e15, 4.2e15, "us", 0),
+    (1e18, 4.2e18, "ns", 0),
+    (1.26e17, 1.6e17, "100ns", 116_444_736_000_000_000),  # Windows counts from 1601
+    (6.3e17, 6.7e17, "100ns", 621_355_968_000_000_000),  # .NET counts from the year 1
+    (20_000, 52_000, "day", 25_569),  # spreadsheets: 1954 to 2042
+    (52_000, 80_000, "day", 40_587),  # modified Julian dates: 2001 to 2077
+    (725_000, 770_000, "day", 719_529),  # MATLAB's datenum: 1984 to 2108
+    (2_440_000, 2_490_000, "day", 2_440_587.5),  # Julian dates: 1968 to 2105
+)
+"""Lowest and highest stamp that count from a date, their unit, and the stamp of 1970-01-01."""
+
+
+def find_epoch(stamps: Array, unit: str = "") -> tuple[str, float] | None:
+    """Unit of stamps that all count from one date, and the stamp of 1970-01-01; None for others.
+
+    Numbers of days only where that is their unit: many sensors show 40 000.
+    """
+    low, high = (float(stamps.min()), float(stamps.max())) if stamps.size else (0.0, 0.0)
+    found = ((one, since) for least, most, one, since in _EPOCHS if least <= low and high < most)
+    return next((epoch for epoch in found if epoch[0] == unit or (not unit and epoch[0] != "day")), None)
+
+
+_TURNS = {
+    "h:m:s": ((43200e6, "a clock at noon"), (DAY_US, "a clock at midnight")),
+    "elapsed": ((3600e6, "a clock at the full hour"),),
+    "h:mm": (),
+    "calendar": ((3600e6, "a clock that is set back by an hour"),),
+    "number": (
+        (2.0**16, "a 16-bit counter"),
+        (86_400.0, "seconds of the day"),
+        (604_800.0, "seconds of the week"),
+        (86_400e3, "milliseconds of the day"),
+        (604_800e3, "milliseconds of the week"),
+        (2.0**32, "a 32-bit counter (millis() or micros())"),
+        (2.0**32 / 1e3, "a 32-bit counter (millis() or micros())"),
+        (2.0**32 / 1e6, "a 32-bit counter (micros())"),
+    ),
+}
+"""Where stamps begin again, and what does so."""
+
+
+def unwrap(stamps: Array, column: TimeColumn | None = None) -> tuple[Array, str]:
+    """Stamps that go on where they begin again, and a sentence about it; "" where they do not.
+
+    Only where the step over the wrap is an ordinary one: a device that restarts jumps back to 0 from anywhere, and
+    stays a step back. A clock may miss half a day.
+    """
+    back = np.flatnonzero(stamps[1:] < stamps[:-1])
+    steps = np.diff(stamps) if back.size else stamps[:0]
+    if not np.any(steps > 0):  # nothing steps back, or nothing goes on
+        return stamps, ""
+    usual, span = 2 * float(np.quantile(steps[steps > 0], 0.98)), float(np.ptp(stamps))
+    kind = "number" if column is None else column.kind
+    is_date, form = kind == "calendar", column.clock if column and kind == "clock" else kind
+    for size, what in _TURNS.get(form, _TURNS["h:m:s"]):
+        over = steps[back] + size
+        wraps = back[(over >= 0) & (over <= (size / 2 if size == DAY_US else min(usual, size / 4)))]
+        fits = wraps.size == back.size if is_date else span < size and float(stamps.min()) >= 0
+        if wraps.size and fits:
+            turned = np.zeros(len(stamps))
+            turned[wraps + 1] = size
+            return stamps + np.cumsum(
+                turned
+            ), f"the stamps wrap {times(wraps.size)}, like {what}, and were unwrapped"
+    return stamps, ""
+
+
+def times(count: int) -> str:
+    """`once`, `2 times`."""
+    return "once" if count == 1 else f"{count} times"
+
+
 # How the stamps of one column are written, decided once from many of its cells.
 
 
-_SHEET_DAYS = (20_000.0, 80_000.0)
-"""Days of 1954 to 2119 in a spreadsheet, which counts from 1899-12-30."""
-_CLOCK_FORMS: tuple[ClockForm, ...] = ("h:m:s", "min:s", "elapsed")
+_CLOCK_FORMS: tuple[ClockForm, ...] = ("h:m:s", "elapsed", "h:mm")
 _LATE_US, _ROUND_US = 23 * 3600e6, 300e6
 """A log that begins at 00:00 and ends after 23:00, or whose stamps are multiples of 5, has hours and minutes."""
-_MANY_TIMES = 5.0
 _ORDERS: tuple[DateOrder, ...] = ("ymd", "dmy", "mdy")
 _DIGITS = (8, 10, 12, 14)
 """Digits of YYYYMMDD, YYYYMMDDHH, YYYYMMDDHHMM and YYYYMMDDHHMMSS."""
@@ -483,8 +543,7 @@ def find_stamp_form(
     number = TimeColumn(0, "number")
     numbers = fitting(number).get(number)
     if name.is_date and numbers is not None and not any(cell[0] == "0" for cell in present):  # 030124 has digits
-        days = np.count_nonzero((numbers >= _SHEET_DAYS[0]) & (numbers <= _SHEET_DAYS[1]))
-        number = replace(number, unit="day" if days >= least else "")
+        number = replace(number, unit="day" if find_epoch(np.nanmedian(numbers, keepdims=True), "day") else "")
     if not number.unit and _are_dates_in_digits(present, name):
         return TimeColumn(0, "calendar")
     is_short = name.is_date and all(len(cell) == 6 for cell in present)  # 240331
@@ -506,14 +565,16 @@ def find_stamp_form(
 
 def _clock(read: dict[TimeColumn, Array], example: str, unit: str) -> TimeColumn:
     """The form of a clock; `05:10` has hours and minutes unless the unit of the name or the start say otherwise."""
-    best, *others = read
-    if best.clock != "h:m:s" or not any(form.clock == "min:s" for form in others):
+    best, form = next(iter(read)), {column.clock: column for column in read}
+    if not {"elapsed", "h:mm"} <= form.keys():
         return best
-    stamps = read[best][np.isfinite(read[best])]
-    from_zero = stamps[0] == 0 and stamps.max() < _LATE_US and bool(np.any(stamps % _ROUND_US))
+    stamps = read[form["h:mm"]][np.isfinite(read[form["h:mm"]])]
+    is_short = "h:m:s" not in form or (stamps[0] == 0 and stamps.max() < _LATE_US)
     words, option = ["hours and minutes", "minutes and seconds"], "%M:%S"
-    if unit in ("s", "min") or (not unit and from_zero):
-        best, words, option = replace(best, clock="min:s"), words[::-1], "%H:%M"
+    if unit in ("s", "min") or (not unit and is_short and bool(np.any(stamps % _ROUND_US))):
+        best, words, option = form["elapsed"], words[::-1], "%H:%M"
+    elif "h:m:s" not in form:
+        best = form["h:mm"]
     said = f'stamps such as {example} are read as {words[0]}; {words[1]}: --time-format "{option}"'
     return replace(best, notes=(Assumption(said),))
 
@@ -538,16 +599,9 @@ def _are_dates_in_digits(counted: list[str], name: TimeName) -> bool:
 
 
 def _calendar(read: dict[TimeColumn, Array], example: str, *, decided: bool) -> TimeColumn:
-    """Of orders that fit, the one whose stamps rise steadily.
-
-    Where nothing decides, the day comes first, unless the log would then last many times longer.
-    """
+    """Of orders that fit, the one whose stamps rise steadily; where nothing decides, the day comes first."""
     quality = {form: judge(stamps).steadiness for form, stamps in read.items()}
-    spans = {form: float(np.nanmax(stamps) - np.nanmin(stamps)) for form, stamps in read.items()}
-    longest = _MANY_TIMES * min(spans.values())
-    best = max(
-        read, key=lambda form: (quality[form], spans[form] <= longest, ("mdy", "ymd", "dmy").index(form.order))
-    )
+    best = max(read, key=lambda form: (quality[form], ("mdy", "ymd", "dmy").index(form.order)))
     # Where both orders mean the same day (05/05) there is nothing to decide.
     others = [form for form in read if quality[form] == quality[best]]
     others = [form for form in others if not np.array_equal(read[form], read[best], equal_nan=True)]
@@ -570,23 +624,36 @@ def _stamps(cells: Sequence[str], parse: StampParser) -> Array:
 
 
 TimeKind = Literal["number", "calendar", "clock"]
-PartRole = Literal["date", "year", "month", "day", "day of year", "clock", "hour", "minute", "second"]
+PartRole = Literal[
+    "date",
+    "year",
+    "month",
+    "day",
+    "day of year",
+    "clock",
+    "hour",
+    "minute",
+    "second",
+    "millisecond",
+    "turns",
+    "rest",
+]
 StampParser = Callable[[str], "float | None"]
 
 _MAX_STAMP = 1e20
 """A numeric stamp beyond this is damage: epoch nanoseconds are 1.8e18."""
 
-PART_RANGES: dict[PartRole, tuple[float, float]] = {
-    "year": (1800, 2200),
-    "day of year": (1, 366),
-    "month": (1, 12),
-    "day": (1, 31),
-    "hour": (0, 24),
-    "minute": (0, 59),
-    "second": (0, 60.999999),
+_PARTS: dict[PartRole, tuple[float, float, float]] = {
+    "year": (1800, 2200, 0),
+    "month": (1, 12, 0),
+    "day": (1, 31, 0),
+    "day of year": (1, 366, 0),
+    "hour": (0, 24, 3600e6),
+    "minute": (0, 59, 60e6),
+    "second": (0, 60.999999, 1e6),
+    "millisecond": (0, 999.999, 1e3),
 }
-"""The numbers that a column of each part may hold; a year may have two digits."""
-_PART_US: dict[PartRole, float] = {"hour": 3600e6, "minute": 60e6, "second": 1e6}
+"""The least and the largest number of each part, and its microseconds; a year may have two digits."""
 
 
 @dataclass(frozen=True)
@@ -609,8 +676,8 @@ class TimeColumn:
     """(role, column) of each part where the time is in several columns; () where it is in one."""
     day: float | None = None
     """The first readable date in µs since 1970, where date and clock are in two columns; for rows without one."""
-    also: tuple[int, ...] = ()
-    """Other columns that only repeat a part of it: a year, a month, an hour."""
+    turn: float = 0.0
+    """Length of what the first of two parts counts: 1000 where ms follow whole seconds, 604 800 s of a GPS week."""
     notes: tuple[str, ...] = ()
     """What was assumed, each a sentence."""
 
@@ -622,7 +689,7 @@ class TimeColumn:
     @property
     def turn_s(self) -> float:
         """Seconds after which a clock wraps to 0; 0 where it never does."""
-        return 0.0 if self.kind != "clock" else {"min:s": 3600.0, "elapsed": 0.0}.get(self.clock, 86400.0)
+        return 0.0 if self.kind != "clock" or self.clock in ("elapsed", "h:mm") else 86400.0
 
 
 def row_stamp_parser(column: TimeColumn, decimal: str) -> Callable[[Sequence[str]], float | None]:
@@ -631,47 +698,58 @@ def row_stamp_parser(column: TimeColumn, decimal: str) -> Callable[[Sequence[str
     It returns microseconds for calendar stamps (since 1970, UTC where no zone is given) and clocks, the number
     itself for numbers, and None for a missing or damaged stamp.
     """
+    parse, index = stamp_parser(column, decimal), column.index
     if not column.parts:
-        parse, index = stamp_parser(column, decimal), column.index
         return lambda cells: parse(cells[index])
     places = dict(column.parts)
+    if column.turn:
+        count, turn = places["turns"], column.turn
+        return lambda cells: _sum(
+            None if (turns := parse(cells[count])) is None else turns * turn, parse(cells[index])
+        )
     date_at, clock_at = places.pop("date", None), places.pop("clock", None)
     parse_date, parse_clock = stamp_parser(replace(column, kind="calendar"), decimal), CLOCK_PARSERS[column.clock]
     last = [column.day]
 
     def parse_parts(cells: Sequence[str]) -> float | None:
-        day, parts = 0.0, _sum_of_parts(cells, places, decimal)
+        since = 0.0 if clock_at is None else parse_clock(cells[clock_at])
         if date_at is not None:
             found = parse_date(cells[date_at])
             last[0] = last[0] if found is None else found  # a broken date is that of the row before
-            day = last[0]
-        since = 0.0 if clock_at is None else parse_clock(cells[clock_at])
-        return None if day is None or parts is None or since is None else day + parts + since
+        part: dict[PartRole, float | None] = {
+            role: parse_part(cells[i], role, decimal) for role, i in places.items()
+        }
+        return _sum(since, 0.0 if date_at is None else last[0], _of_parts(part))
 
     return parse_parts
 
 
-def _sum_of_parts(cells: Sequence[str], places: dict[PartRole, int], decimal: str) -> float | None:
+def _sum(*values: float | None) -> float | None:
+    """The sum; None where a value is missing."""
+    known = [value for value in values if value is not None]
+    return sum(known) if len(known) == len(values) else None
+
+
+def parse_part(cell: str, role: PartRole, decimal: str = ".") -> float | None:
+    """The number of a part; None where it is damaged."""
+    low, high, _ = _PARTS[role]
+    value = float(cell) if cell.isascii() and cell.isdecimal() else parse_number(cell, decimal)
+    if value is None or (value % 1 and role not in ("second", "millisecond")):
+        return None
+    least = 0.0 if role == "year" and value < 100 else low
+    return value if least <= value <= high else None
+
+
+def _of_parts(part: dict[PartRole, float | None]) -> float | None:
     """Microseconds from 1970 to a year and other parts, from midnight without a year; None: a part is damaged."""
-    part: dict[PartRole, float] = {}
-    since = 0.0
-    for role, i in places.items():
-        cell, (low, high) = cells[i], PART_RANGES[role]
-        value = float(cell) if cell.isascii() and cell.isdecimal() else parse_number(cell, decimal)
-        least = 0.0 if role == "year" and value is not None and value < 100 else low
-        if value is None or not least <= value <= high or (value % 1 and role != "second"):  # NaN is in no range
-            return None
-        if role in _PART_US:
-            since += round(value * _PART_US[role])
-        else:
-            part[role] = value
-    if not part:
-        return since
-    if "day of year" in part:
-        start = day_us(int(part["year"]), 1, 1)
-        since += (part["day of year"] - 1) * DAY_US
-    else:
-        start = day_us(int(part["year"]), int(part.get("month", 1)), int(part.get("day", 1)))
+    known: dict[PartRole, float] = {role: value for role, value in part.items() if value is not None}
+    if len(known) < len(part):
+        return None
+    start: float | None = 0.0
+    if "year" in known:
+        start = day_us(*(int(known.get(role, 1)) for role in ("year", "month", "day")))
+    since = (known.get("day of year", 1) - 1) * DAY_US
+    since += sum(round(value * _PARTS[role][2]) for role, value in known.items())
     return None if start is None else start + since
 
 

@@ -13,7 +13,7 @@ from kalscope.common.text import count, duration, percent, sample_rate
 from kalscope.errors import BadSetting
 from kalscope.recording import Assumption, Gaps, RateSource, Recording, Stamps, Timing
 from kalscope.sources.grammar.cells import SECONDS_PER_UNIT
-from kalscope.sources.grammar.timestamps import TimeColumn
+from kalscope.sources.grammar.timestamps import TimeColumn, find_epoch, times, unwrap
 
 # What the steps between stamps look like: a step per sample, a coarse clock, bursts, or samples that are lost.
 
@@ -148,8 +148,6 @@ def lasting_steps(time: Array, steps: Array, candidates: Indices, period: float,
 # come in bursts, and clocks that show whole seconds, have its slope. After a pause it goes on at another level.
 
 
-_SANE = (1e-100, 1e100)
-"""Steps and stamps in s whose squares are still numbers."""
 _NO_PAUSES = np.zeros(0, dtype=np.int64)
 _ON_GRID = 0.02
 """Steps and stamps that miss the even grid by this share of the usual step are on it."""
@@ -196,7 +194,7 @@ def find_rate(time: Array) -> SampleRate | None:
     # There may be no scale at which the rows come steadily: the usual step is all that is known.
     runs = np.zeros(len(time), dtype=np.int64)
     unsteady = SampleRate("uneven", steps.median, math.inf, _NO_PAUSES, steps, steps.median, runs)
-    if not (_SANE[0] < steps.median and float(np.max(np.abs(time))) < _SANE[1]):
+    if not PERIODS[0] <= steps.median <= PERIODS[1]:
         return unsteady
     if not is_coarse(steps) and _is_modal(time, steps):
         return replace(unsteady, error=0.0)
@@ -285,23 +283,24 @@ def _fitted(time: Array, steps: Steps, guess: _Guess) -> SampleRate:
     runs = np.cumsum(runs)
     if stamps == "even":
         return SampleRate("even", period, 0.0, pauses, steps, usual, runs)
-    slope, late = _line(np.arange(len(time)), time, runs)
-    error = _slope_error(late)
     # The row at which a coarse clock moves on is exact to a sample; after a pause it may have moved before.
     moves = steps.all > 0
     moves[pauses] = False
-    changes = np.flatnonzero(moves) + 1
-    if stamps == "coarse" and changes.size > _MIN_CHANGES:
-        slope, late = _line(changes, time[changes], runs[changes])
-        late = np.diff(late)[np.diff(runs[changes]) == 0]
-        spread = math.sqrt(1.2 * (float(late @ late) + slope**2))
-        error = min(error, spread / max(1.0, float(changes[-1] - changes[0])))
+    x = np.flatnonzero(moves) + 1 if stamps == "coarse" else np.arange(len(time))
+    x = x if x.size > _MIN_CHANGES else np.arange(len(time))
+    slope, late = _line(x, time[x], runs[x])
+    error = _slope_error(late)
+    if x.size < len(time):
+        late = np.diff(late)[np.diff(runs[x]) == 0]
+        error = math.sqrt(1.2 * (float(late @ late) + slope**2)) / float(x[-1] - x[0])
     if not 0 < slope <= shortest_pause:  # a damaged stamp bends the line beyond all that lies between pauses
         slope, error = period, math.inf
     if stamps == "uneven" and abs(slope - steps.median) <= 3 * error:
         slope = steps.median  # the usual step agrees
-    if stamps == "bursts" and not _in_bursts(steps, pauses, slope):
-        stamps = "uneven"
+    if stamps == "bursts":
+        passing = np.delete(steps.all, pauses).clip(0.0)
+        in_bursts = passing[passing > GAP_PERIODS * slope].sum() > _BURST_SHARE * passing.sum()
+        stamps = "bursts" if in_bursts else "uneven"
     return SampleRate(stamps, float(f"{slope:.9g}"), error, pauses, steps, usual, runs)
 
 
@@ -333,13 +332,6 @@ def _slope_error(late: Array) -> float:
     return math.sqrt(1.2 * 1.5 * float(np.var(parts, ddof=1)) / (rows * steps))
 
 
-def _in_bursts(steps: Steps, pauses: Indices, period: float) -> bool:
-    usual = np.ones(steps.all.size, dtype=bool)
-    usual[pauses] = False
-    passing = steps.all[usual & (steps.all > 0)]
-    return float(passing[passing > GAP_PERIODS * period].sum()) > _BURST_SHARE * float(passing.sum())
-
-
 # How much the steps of a recording vary: its rate with that jitter, for the screen.
 
 
@@ -358,9 +350,8 @@ def jitter_of(recording: Recording) -> float:
         return 0.0
     steps = np.diff(recording.time)
     steps = steps[steps > 0.0]
-    usual = len(steps) - timing.pauses  # the longest steps are the pauses
-    if recording.gaps == "missing" or not 0 < usual < len(steps):  # rows were put into the pauses, or there is none
-        usual = len(steps)
+    # The longest steps are the pauses; with gaps as missing rows there is none.
+    usual = max(1, len(steps) - (0 if recording.gaps == "missing" else timing.pauses))
     return float(np.partition(steps, usual - 1)[:usual].std()) / period
 
 
@@ -380,14 +371,6 @@ def steps_words(jitter: float) -> str:
 
 
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
-_DAY_NUMBERS = (
-    (20_000.0, 80_000.0, 25_569.0),  # spreadsheets: 1954 to 2119
-    (725_000.0, 770_000.0, 719_529.0),  # MATLAB's datenum: 1984 to 2108
-    (2_440_000.0, 2_490_000.0, 2_440_587.5),  # Julian dates: 1968 to 2105
-)
-"""Lowest and highest number of a day that is counted from a date long ago, and the number of 1970-01-01."""
-_SHEETS_FROM = 40_000.0
-"""2009: smaller numbers without a name are no days."""
 _MINUTE_JITTER, _LONG_STEP_MS, _WEEK_MS = 100, 100_000, 5e8
 """Milliseconds: by how much a step of minutes may miss them, the longest step, and the latest stamp, of 6 days."""
 _EXACT = 0.95
@@ -397,23 +380,21 @@ _WHOLE_SECOND = 0.02
 
 
 def unit_by_magnitude(stamps: Array) -> str:  # noqa: PLR0911 (one for each rule)
-    """Unit of numeric stamps that name none: epoch stamps by their size, others by their step.
+    """Unit of numeric stamps that name none: those that count from a date by their size, others by their step.
 
     Whole numbers are milliseconds, as of `millis()`: their steps vary, repeat, or do not start at 0. They are
     seconds where they count from 0 in equal steps of up to a minute, and where their steps are whole minutes that
     divide an hour, or hours; microseconds where milliseconds would mean weeks, or minutes between two samples.
-    Fractions are seconds, or days where they are numbers of days that lie whole seconds apart (45123.506944444).
+    Fractions are seconds, or days that lie whole seconds apart (45123.506944444, or 0.506944444 of a day).
     """
     low, high = float(stamps.min()), float(stamps.max())
-    step = _median_step(stamps[:100_000])
+    step, epoch = _median_step(stamps[:100_000]), find_epoch(stamps)
     # The head is checked first: most stamps with fractions show them there.
     whole = all(bool(np.all(part == np.floor(part))) for part in (stamps[:1000], stamps))
-    for size, unit in ((1e9, "s"), (1e12, "ms"), (1e15, "us"), (1e18, "ns")):
-        # 2001 to 2100; whole seconds that step by thousands but not by minutes are a counter of µs.
-        counter = unit == "s" and whole and step >= 1000 and step % 60 != 0
-        if size <= low and high < 4.2 * size and not counter:
-            return unit
-    if not whole and low >= _SHEETS_FROM and _day_of_1970(stamps) is not None and _are_seconds_in_days(stamps):
+    # Whole seconds that step by thousands but not by minutes are a counter of µs.
+    if epoch is not None and not (epoch[0] == "s" and whole and step >= 1000 and step % 60 != 0):
+        return epoch[0]
+    if not whole and _are_seconds_in_days(stamps):
         return "day"
     in_minutes = abs(step - 60_000 * round(step / 60_000)) <= _MINUTE_JITTER
     if not whole or step < 2:
@@ -427,18 +408,16 @@ def unit_by_magnitude(stamps: Array) -> str:  # noqa: PLR0911 (one for each rule
     return "ns" if step >= 2e6 and high > 2.0**32 else "us"
 
 
-def _day_of_1970(stamps: Array) -> float | None:
-    """The number of 1970-01-01, where all stamps are numbers of days in one of the usual counts."""
-    low, high = float(stamps.min()), float(stamps.max())
-    return next((day for first, last, day in _DAY_NUMBERS if first <= low and high <= last), None)
-
-
 def _are_seconds_in_days(stamps: Array) -> bool:
-    """True where stamps of many decimals are whole seconds, up to an hour, apart as days: 1/144 is 10 min."""
-    many = np.abs(stamps * 1e5 - np.round(stamps * 1e5)) > 0.01
-    seconds: Array = (stamps - stamps[0]) * 86400.0
-    near = np.abs(seconds - np.round(seconds)) <= _WHOLE_SECOND
-    return float(many.mean()) >= 0.5 and float(near.mean()) >= 0.99 and 0.5 < _median_step(seconds) < 3601
+    """True where stamps are whole seconds, up to an hour, apart as days: 1/144 is 10 min.
+
+    A multiple of 27 s is a day number of few decimals, as seconds have as well: 1/1600, 1/128.
+    """
+    some = stamps[:1000]
+    seconds: Array = (some - some[0]) * 86400.0
+    whole: Array = seconds.round()
+    near = float((np.abs(seconds - whole) <= _WHOLE_SECOND).mean())
+    return near >= 0.99 and float((whole % 27 != 0).mean()) >= 0.5 and 0.5 < _median_step(seconds) < 3601
 
 
 _NEIGHBOURS = {"s": ("ms",), "ms": ("s", "us"), "us": ("ms", "ns"), "ns": ("us",)}
@@ -453,34 +432,24 @@ def to_seconds(
     their second 0 is `start`, in s since 1970, where that is known. Their unit may be `stated` by the file.
     """
     first = float(stamps[0])
-    if column.kind == "calendar":
-        return (stamps - first) / 1e6, f"time counts from the first stamp, {date_text(first * 1e-6)}"
-    if column.kind == "clock":
-        # A clock that jumps back by more than half a turn has wrapped.
-        turn_s = column.turn_s
-        turns = np.cumsum(np.diff(stamps, prepend=first) < -0.5e6 * turn_s) if turn_s else np.zeros(len(stamps))
-        what = "midnight" if turn_s == 86400.0 else "the hour"
-        passed = f"; the clock passes {what} {times(int(turns[-1]))}" if turns[-1] else ""
-        clock = timedelta(microseconds=first)
-        said = f"time counts from the first stamp, {clock} on the clock{passed}"
-        return (stamps - first) / 1e6 + turn_s * turns, said
+    if column.kind != "number":
+        on_clock = f"{timedelta(microseconds=first)} on the clock"
+        said = date_text(first * 1e-6) if column.kind == "calendar" else on_clock
+        return (stamps - first) / 1e6, f"time counts from the first stamp, {said}"
     unit = column.unit or unit_by_magnitude(stamps)
-    scale, others = SECONDS_PER_UNIT[unit], ""
-    # 2001 to 2100
-    day_of_1970 = 0.0 if scale <= 1 and 1e9 <= first * scale < 4.2e9 else None
-    day_of_1970 = _day_of_1970(stamps) if unit == "day" else day_of_1970
+    scale, others, epoch = SECONDS_PER_UNIT[unit], "", find_epoch(stamps, unit)
     said = f"stamps are read as {unit}"
     if not stated:
-        others = _otherwise(stamps, unit) if day_of_1970 is None else ""
+        others = "" if epoch else _otherwise(stamps, unit)
         said += f" (assumed from their size: {others or '--time-unit changes it'})"
-    if day_of_1970 is not None:
-        said += " since 1970" * (scale <= 1) + f"; time counts from {date_text((first - day_of_1970) * scale)}"
+    if epoch is not None:
+        said += f"; time counts from {date_text((first - epoch[1]) * scale)}"
         stamps = stamps - first
     elif start is not None:
         said += f"; time counts from {date_text(start)}"
     # Dividing by 1000 rounds 3 ms to the double nearest 0.003; multiplying by 0.001 may not.
     seconds: Array = stamps / round(1 / scale) if scale < 1 else stamps * scale
-    if day_of_1970 is not None and unit == "day":
+    if unit == "day":
         seconds = seconds.round(3)  # the last of their digits is 10 µs and more
     return seconds, Assumption(said) if others else said
 
@@ -493,11 +462,6 @@ def _otherwise(stamps: Array, unit: str) -> str:
     rates = {other: sample_rate(step * SECONDS_PER_UNIT[other]) for other in (unit, *_NEIGHBOURS[unit])}
     others = [f"{rates[other]} with --time-unit {other}" for other in _NEIGHBOURS[unit]]
     return f"{rates[unit]}; {', '.join(others)}"
-
-
-def times(count: int) -> str:
-    """`once`, `2 times`."""
-    return "once" if count == 1 else f"{count} times"
 
 
 def date_text(seconds: float) -> str:
@@ -558,13 +522,10 @@ def fill_gaps(time: Array, values: Array, period: float, pauses: Indices) -> tup
             f'gaps must not be "missing" where that makes {total:.3g} rows of {len(time)} (use "dt", or a longer'
             " sample period)"
         )
-    count = np.zeros(len(time), dtype=np.int64)
-    count[pauses + 1] = more.astype(np.int64)
-    place = np.arange(len(time)) + np.cumsum(count)
-    size = len(time) + int(total)
-    filled = np.full((size, values.shape[1]), np.nan)
-    filled[place] = values
-    return np.interp(np.arange(size), place, time), filled, int(total)
+    where = np.repeat(pauses + 1, more.astype(np.int64))
+    time, values = np.insert(time, where, np.nan), np.insert(values, where, np.nan, axis=0)
+    known = np.flatnonzero(~np.isnan(time))
+    return np.interp(np.arange(len(time)), known, time[known]), values, int(total)
 
 
 # Samples placed evenly in time, where stamps come in bursts or from a clock coarser than the sample period.
@@ -607,6 +568,7 @@ _STAMPS = {
     "bursts": " from stamps that come in bursts",
     "coarse": " from stamps of a coarse clock",
 }
+_SOURCES = {"option": " as requested", "file": " as stated in the file"}
 _SURE = 1e-4
 """A standard error below this share of the rate is not reported."""
 _UNSURE = 0.01
@@ -615,66 +577,36 @@ _ALIKE = 0.02
 """Rates of the file and of the stamps that differ by more contradict each other."""
 
 
-def with_words(timing: Timing, stated: float | None, gaps: Gaps, n: int) -> Timing:
-    """The timing with its summary and its notes.
-
-    Args:
-        timing: The facts.
-        stated: Sample period in s that the file states; None where it states none.
-        gaps: How gaps are to be read.
-        n: Samples, the missing ones left out.
-    """
-    if timing.period is None:
-        return timing
-    sure = f", standard error {percent(timing.error)}" if timing.error and timing.error > _SURE else ""
-    how = {"option": " as requested", "file": " as stated in the file"}
-    notes = [*_about_stamps(timing, sure, stated), *_about_pauses(timing, gaps, n)]
-    summary = sample_rate(timing.period) + (how.get(timing.source) or f"{_STAMPS[timing.stamps]}{sure}")
-    return replace(timing, summary=summary, notes=tuple(notes))
-
-
-def _about_stamps(timing: Timing, sure: str, stated: float | None) -> list[str]:
-    own = timing.stamps_period
-    if own is None:
-        return []
-    rate, notes = f"{sample_rate(own)}{sure}", list[str]()
-    if timing.stamps == "coarse":
-        clock = f"the clock has a resolution of {duration(timing.resolution)}"
-        said = f"{clock}: samples were placed evenly between its steps, {rate}"
+def _about_stamps(rate: SampleRate, sure: str) -> list[str]:
+    said = f"{sample_rate(rate.period)}{sure}"
+    if rate.stamps == "coarse":
+        clock = f"the clock has a resolution of {duration(rate.longest)}"
+        said = f"{clock}: samples were placed evenly between its steps, {said}"
         # Rows that were written twice look the same.
-        notes = [Assumption(said) if timing.error is not None and timing.error > _UNSURE else said]
-    elif timing.stamps == "bursts":
-        notes = [f"the stamps come in bursts: samples were placed evenly in time, {rate}"]
-    elif timing.error is None:
-        notes = [f"the stamps show no steady rate: the sample period, {own:.6g} s, is the median step"]
-    elif timing.stamps == "uneven":
-        notes = [f"the stamps are uneven, {rate}"]
-    if stated is not None and timing.source == "file":
-        notes.append(f"the sample rate is the one that the file gives, {sample_rate(stated)}")
-    elif stated is not None and timing.source == "stamps" and abs(stated - own) > _ALIKE * own:
-        notes.append(
-            f"the file gives a sample rate of {sample_rate(stated)}, but its stamps give {sample_rate(own)}: the"
-            " stamps were used; --rate chooses the other"
-        )
-    return notes
+        return [Assumption(said) if _UNSURE * rate.period < rate.error < math.inf else said]
+    if rate.stamps == "bursts":
+        return [f"the stamps come in bursts: samples were placed evenly in time, {said}"]
+    if rate.stamps == "uneven" and np.isfinite(rate.error):
+        return [f"the stamps are uneven, {said}"]
+    unsteady = f"the stamps show no steady rate: the sample period, {rate.period:.6g} s, is the median step"
+    return [unsteady] if rate.stamps == "uneven" else []
 
 
-def _about_pauses(timing: Timing, gaps: Gaps, n: int) -> list[str]:
-    if not timing.pauses:
+def _about_pauses(time: Array, pauses: Indices, period: float, gaps: Gaps) -> list[str]:
+    if not pauses.size:
         return []
-    found = "a gap" if timing.pauses == 1 else f"{timing.pauses} gaps"
-    said = f"time has {found}, first after sample {timing.first_pause}, the longest {timing.longest_pause:.6g} s"
-    rows = f"{count(timing.missing)} {'row' if timing.missing == 1 else 'rows'}"
+    found = "a gap" if pauses.size == 1 else f"{pauses.size} gaps"
+    longest = float((time[pauses + 1] - time[pauses]).max())
+    said = f"time has {found}, first after sample {int(pauses[0]) + 1}, the longest {longest:.6g} s"
+    missing = int(missing_rows(time, pauses, period).sum())
+    rows = f"{count(missing)} {'row' if missing == 1 else 'rows'}"
     advice = f"--gaps missing (adds {rows} of missing samples) or --gaps dt (elapsed time)"
-    if timing.missing > n:
+    if missing > len(time):
         advice = f"--gaps dt (elapsed time): --gaps missing would add {rows} of missing samples"
     return [f"{said}; read it with {advice}" if gaps == "rows" else said]
 
 
 # From stamps to the time of the samples: wraps are undone, steps are judged, every decision is noted.
-
-
-_COUNTERS = {1 << 16: "16-bit counter", 1 << 32: "32-bit counter (millis() or micros())"}
 
 
 @dataclass(frozen=True)
@@ -724,9 +656,9 @@ def read_time(
         start: What second 0 of numeric stamps is, in s since 1970; None where that is not known.
     """
     given = given or GivenPeriod()
-    notes, stated, unit_words = list[str](), True, ""
+    stated, unit_words = True, ""
+    stamps, wrapped = unwrap(stamps, column)
     if column.kind == "number":
-        stamps, notes = unwrap(stamps)
         stated = bool(unit or column.unit)
         column = replace(column, unit=unit or column.unit or unit_by_magnitude(stamps))
         unit_words = column.unit + "s" * (column.unit in ("day", "year")) + " (assumed)" * (not stated)
@@ -735,7 +667,11 @@ def read_time(
     crowded = rate is not None and rate.stamps in ("coarse", "bursts")
     steps = np.diff(time) if rate is None else rate.steps.all
     backward = int(np.count_nonzero(steps < 0)) if steps.size and float(steps.min()) < 0 else 0
-    notes += [how, *_about_order(time, steps, backward, repeated=not crowded)]
+    notes = [
+        *([Assumption(wrapped)] if wrapped else []),
+        how,
+        *_about_order(time, steps, backward, repeated=not crowded),
+    ]
     if rate is None:  # all stamps are one step of a coarse clock, or they step back
         axis = counted_time(len(time), given)
         time = time[0] + axis.time if given.file and len(time) > 1 and not backward else time
@@ -748,8 +684,9 @@ def read_time(
         time = place_evenly(time, rate)
     elif given.option is not None:
         pauses = np.flatnonzero(rate.steps.forward > GAP_PERIODS * given.option)
-    timing = with_words(_timing(time, rate, pauses, given), given.file, gaps, len(time))
-    return TimeAxis(time, timing, pauses, backward, (*notes, *timing.notes), unit_words)
+    timing, about = _timing(rate, pauses, given)
+    about += _about_pauses(time, pauses, timing.period or rate.period, gaps)
+    return TimeAxis(time, timing, pauses, backward, (*notes, *about), unit_words)
 
 
 def _no_time(rate: SampleRate) -> str | None:
@@ -779,67 +716,43 @@ def counted_time(n: int, given: GivenPeriod, start: float | None = None) -> Time
     if period is not None:
         time *= period
     source: RateSource = "option" if given.option else "file" if given.file else "none"
-    timing = with_words(Timing("none", source, period), given.file, "rows", n)
-    notes: list[str] = []
-    if period is not None and start is not None:
-        notes = [f"time counts from {date_text(start)}"]
-    return TimeAxis(time, timing, np.zeros(0, dtype=np.int64), 0, (*notes, *timing.notes))
+    timing = Timing("none", source, period, summary=sample_rate(period) + _SOURCES[source] if period else "")
+    notes = [f"time counts from {date_text(start)}"] if period and start is not None else []
+    return TimeAxis(time, timing, np.zeros(0, dtype=np.int64), 0, tuple(notes))
 
 
-def _timing(time: Array, rate: SampleRate, pauses: Indices, given: GivenPeriod) -> Timing:
-    period, source = rate.period, "stamps"
+def _timing(rate: SampleRate, pauses: Indices, given: GivenPeriod) -> tuple[Timing, list[str]]:
+    """The sample period, and how it was found."""
+    own, error = rate.period, rate.error / rate.period if np.isfinite(rate.error) else None
+    sure = f", standard error {percent(error)}" if error and error > _SURE else ""
+    notes, period, source = _about_stamps(rate, sure), own, "stamps"
     if given.option is not None:
         period, source = given.option, "option"
     elif given.file is not None and _supports(rate, given.file):
         period, source = given.file, "file"
-    steps = time[pauses + 1] - time[pauses]
-    return Timing(
-        stamps=rate.stamps,
-        source=source,
-        period=period,
-        error=rate.error / rate.period if np.isfinite(rate.error) else None,
-        stamps_period=rate.period,
-        pauses=int(pauses.size),
-        missing=int(missing_rows(time, pauses, period).sum()),
-        first_pause=int(pauses[0]) + 1 if pauses.size else 0,
-        longest_pause=float(steps.max(initial=0.0)),
-        resolution=rate.longest if rate.stamps == "coarse" else None,
-    )
+        notes.append(f"the sample rate is the one that the file gives, {sample_rate(period)}")
+    elif given.file is not None and abs(given.file - own) > _ALIKE * own:
+        notes.append(
+            f"the file gives a sample rate of {sample_rate(given.file)}, but its stamps give {sample_rate(own)}:"
+            " the stamps were used; --rate chooses the other"
+        )
+    how = _SOURCES.get(source) or f"{_STAMPS[rate.stamps]}{sure}"
+    summary = sample_rate(period) + how
+    return Timing(rate.stamps, source, period, error, own, int(pauses.size), summary), notes
 
 
 def _supports(rate: SampleRate, stated: float) -> bool:
     """True where the stamps leave the period open, and the one that the file states, in s, may be it.
 
-    Where there is no rate at which they come steadily, the period lies between the median and the mean step: late
-    rows and lost samples lengthen the mean, bursts shorten the median.
+    It lies between the median and the mean step where the stamps come at no steady rate: late rows and lost samples
+    lengthen the mean, bursts shorten the median.
     """
-    if np.isfinite(rate.error):
-        off = abs(stated - rate.period)
-        return rate.stamps in ("coarse", "bursts") and off <= max(_ALIKE * stated, 3 * rate.error)
-    steps = rate.steps.all
-    mean = float(steps[steps >= 0].mean())
-    margin = max(_ALIKE * stated, rate.longest / len(steps))
-    return min(rate.period, mean) - margin <= stated <= max(rate.period, mean) + margin
-
-
-def unwrap(stamps: Array) -> tuple[Array, list[str]]:
-    """Unwrap whole stamps that jump back by a counter's full range; return them and remarks about it.
-
-    Only where the step over the wrap is an ordinary one: a device that restarts jumps back to 0 from
-    anywhere, and stays a step back.
-    """
-    back = np.flatnonzero(stamps[1:] < stamps[:-1])
-    size = next((size for size in _COUNTERS if back.size and stamps.min() >= 0 and stamps.max() < size), 0)
-    if not size or np.any(stamps % 1):
-        return stamps, []
-    over = stamps[back + 1] - stamps[back] + size
-    wraps = back[over <= min(50 * _median_step(stamps), size / 4)]
-    if not wraps.size:
-        return stamps, []
-    turns = np.zeros(len(stamps))
-    turns[wraps + 1] = size
-    said = f"the stamps wrap {times(wraps.size)}, like a {_COUNTERS[size]}, and were unwrapped"
-    return stamps + np.cumsum(turns), [said]
+    if rate.stamps in ("even", "uneven") and np.isfinite(rate.error):
+        return False
+    steps, is_known = rate.steps.all, np.isfinite(rate.error)
+    low, high = sorted((rate.period, rate.period if is_known else float(steps[steps >= 0].mean())))
+    margin = max(_ALIKE * stated, 3 * rate.error if is_known else rate.longest / len(steps))
+    return low - margin <= stated <= high + margin
 
 
 def _about_order(time: Array, steps: Array, backward: int, *, repeated: bool) -> list[str]:

@@ -167,7 +167,7 @@ def settle_roles(
     if time is None:
         notes = ["no time column: samples are counted"]
     else:
-        taken = (*time.indices, *time.also)
+        taken = time.indices
         if tuple(column.name for column in columns[:2]) == HOST_AND_DEVICE and {*taken} <= {0, 1}:
             taken = (0, 1)
         columns = [replace(column, role="time") if i in taken else column for i, column in enumerate(columns)]

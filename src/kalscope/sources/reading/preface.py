@@ -78,13 +78,12 @@ def _is_start(cell: str) -> bool:
 
 _RATE = r"""
     (?:sampl(?:e|ing)[ ]?|(?:data|output[ ]data|measurement|logging|acquisition|store)[ ])(?:rate|freq(?:uency)?)
+    |sampl(?:ed|ing)[ ]at|samples[ ]per[ ]sec(?:ond)?|fps
     |rate|fs|odr|sfreq|(?:abtast|mess)(?:rate|frequenz)|samplefrequenz
-    |fréquence[ ]d'échantillonnage|frecuencia[ ]de[ ]muestreo|taxa[ ]de[ ]amostragem|frequenza[ ]di[ ]campionamento
 """
 _INTERVAL = r"""
     (?:sampl(?:e|ing)[ ]?|log(?:ging)?[ ]|recording[ ]|measurement[ ]|epoch[ ])(?:interval|period|length)
     |time[ ]?step|dt|delta[ -]t|(?:time[ ]|x[ ]?)?increment|interval|x[ ]?inc|tinc|(?:abtast|mess)?intervall
-    |période[ ]d'échantillonnage|intervalo[ ]de[ ]muestreo
 """
 _HERTZ = {
     **{

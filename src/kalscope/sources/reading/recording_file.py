@@ -39,7 +39,7 @@ from kalscope.sources.reading.text_file import (
     text_as_file,
     unusual_marks,
 )
-from kalscope.sources.reading.time_columns import chosen_time, find_time
+from kalscope.sources.reading.time_columns import find_time
 
 # Values that may stand for "no sample", such as −200 or 400: found and asked about, never removed unasked.
 #
@@ -377,9 +377,8 @@ def _find_time(table: Table, columns: list[Column], options: ReadOptions) -> Tim
     few = [column[:_FEW_ROWS].tolist() for column in table.columns]
     cells = [[f"{value:.17g}" if math.isfinite(value) else "" for value in column] for column in few]
     rows, is_named = list(zip(*cells, strict=True)), any(table.names)
-    time = None if index is None else chosen_time(columns, rows, ".", index)
-    time = find_time(columns, rows, ".", named=is_named) if index is None else time
-    if time is None or time.kind != "number":
+    time = find_time(columns, rows, ".", named=is_named, choice=index)
+    if time is None or time.kind != "number" or time.parts:
         return None
     column = table.columns[time.index]
     counts = column[0] in (0, 1) and bool(np.all(np.diff(column) == 1))  # beside a rate, the numbers of the samples

@@ -30,7 +30,7 @@ from kalscope.sources.grammar.read_options import (
     WORD_OF_DELIMITER,
     ReadOptions,
 )
-from kalscope.sources.grammar.timestamps import TimeColumn
+from kalscope.sources.grammar.timestamps import TimeColumn, find_epoch
 from kalscope.sources.reading.columns import (
     COUNTING_NAMES,
     CellKinds,
@@ -58,7 +58,7 @@ from kalscope.sources.reading.table import (
     marked_begin,
     weigh,
 )
-from kalscope.sources.reading.time_columns import chosen_time, find_time, is_since_1970, time_name
+from kalscope.sources.reading.time_columns import find_time, time_name
 
 # Labels that come in turn, one or a few per line: `Temp: 21.5`, then `Hum: 40`, then the next `Temp`.
 
@@ -282,7 +282,7 @@ def _named(row: Row, table: HeadTable, body: Body) -> tuple[list[Column], list[s
         names = (*cells, *[""] * trailing)[:width]
         return list(map(named_column, names)), notes[: 1 + any(cells[width:])]
     since = np.array([parse_number(body.rows[0][1][0], table.form.decimal) or 0.0])
-    is_dated = body.types[0].kind == "stamp" or is_since_1970(since)
+    is_dated = body.types[0].kind == "stamp" or find_epoch(since) is not None
     if len(cells) == width - 1 and is_dated and not time_name(named_column(cells[0])).strength:
         return [Column(""), *map(named_column, cells)], notes
     if len(cells) == width - 1 and _are_row_names(cells[0], body):
@@ -490,11 +490,11 @@ def _find_time(
     named = bool(header.rows) or all(column.name for column in columns)
     # A field that was added later cannot be the time of the rows before.
     least = min(table.narrow, default=len(columns))
-    if choice is not None:
-        return chosen_time(columns, rows, decimal, choice, labels, plan.options)
-    if columns[0] == _TELEPLOT_TIME and table.form.kind == "teleplot":
+    if choice is None and columns[0] == _TELEPLOT_TIME and table.form.kind == "teleplot":
         return TimeColumn(0, "number", "ms")
-    return find_time(columns[:least], [row[:least] for row in rows], decimal, named=named, options=plan.options)
+    least = len(columns) if choice is not None else least
+    few = [row[:least] for row in rows]
+    return find_time(columns[:least], few, decimal, named=named, choice=choice, labels=labels, options=plan.options)
 
 
 def _labelled_header(table: HeadTable, lines: list[HeadLine]) -> Header:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
-from datetime import datetime, timedelta
 from itertools import product, takewhile
 
 import numpy as np
@@ -13,21 +12,22 @@ import numpy as np
 from kalscope.common.numbers import Array
 from kalscope.errors import BadSetting
 from kalscope.recording import Assumption
-from kalscope.sources.grammar.cells import UNIT_OF_WORD, parse_number, words
+from kalscope.sources.grammar.cells import SECONDS_PER_UNIT, UNIT_OF_WORD, words
 from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
 from kalscope.sources.grammar.timestamps import (
     CLOCK_PARSERS,
     DAY_US,
     MAX_BACK,
     MIN_EVEN,
-    PART_RANGES,
     ClockForm,
     PartRole,
     TimeColumn,
     TimeName,
+    find_epoch,
     find_stamp_form,
     in_order_is_even,
     judge,
+    parse_part,
     row_stamp_parser,
 )
 from kalscope.sources.reading.columns import Cells, Column
@@ -50,7 +50,7 @@ _DAY_COUNTS = words("jd hjd bjd mjd datenum")
 # Beside these a word of time stays one: "Device Time", "time since start", "Timestamp (Formatted)".
 _FILLERS = words(
     """
-    in of the since from start and utc gmt local host device gps unix system relative rel absolute abs sensor sample
+    in the since from start and utc gmt local host device gps unix system relative rel absolute abs sensor sample
     sampling record recorded recording measurement logger log formatted total boot iso iso8601
     string hh mm ss
     """
@@ -72,9 +72,11 @@ def time_name(column: Column) -> TimeName:
     if len(name) == 1 and name.isupper() and not unit:
         return TimeName(0)
     said = [word.lower() for word in _WORD.findall(_CAMEL.sub(" ", name))]
+    said = said[: said.index("of")] if "of" in said[1:] else said  # second of the day
     # The last word that is a unit; a single letter only at the end.
     units = [word for word in (*(word for word in said[:-1] if len(word) > 1), *said[-1:]) if word in UNIT_OF_WORD]
-    unit = unit or ("s" if "m:s" in name.lower() else UNIT_OF_WORD[units[-1]] if units else "")
+    written = next((unit for form, unit in (("m:s", "s"), ("h:m", "h")) if form in name.lower()), "")
+    unit = unit or written or (UNIT_OF_WORD[units[-1]] if units else "")
     rest = [word for word in said if word not in _FILLERS]
     core = [word for word in rest if word not in UNIT_OF_WORD]
     is_time = any(word in _TIME_WORDS for word in said)
@@ -91,11 +93,6 @@ def time_name(column: Column) -> TimeName:
     return TimeName(strength, unit if strength else "", not _DATE_WORDS.isdisjoint(said))
 
 
-def is_since_1970(stamps: Array) -> bool:
-    """True where the first stamp is one of 2001 to 2100, counted from 1970 in s, ms, µs or ns."""
-    return bool(stamps.size) and any(size <= float(stamps[0]) < 4.2 * size for size in (1e9, 1e12, 1e15, 1e18))
-
-
 # A time in several columns: year, month, day, hour, minute, second, or a date and a clock.
 
 
@@ -107,14 +104,17 @@ _ROLE_OF_NAME: dict[str, PartRole] = {
     **dict.fromkeys(words("hour hours hr hrs hh stunde hora heure"), "hour"),
     **dict.fromkeys(words("minute minutes min mins minuten mi mn"), "minute"),
     **dict.fromkeys(words("second seconds sec secs ss s sekunde segundo"), "second"),
+    **dict.fromkeys(words("millisecond milliseconds msec ms"), "millisecond"),
     **dict.fromkeys(words("hhmm hhmmss mst lst utc gmt est pst cst hour_minute time clock zeit uhrzeit"), "clock"),
 }
-_EPOCH, _MAX_US = datetime(1970, 1, 1), 6e16  # 1 to 3871: within the calendar of datetime
-_IN_ORDER: tuple[PartRole, ...] = ("year", "month", "day", "hour", "minute", "second")
-_NUMBERED: tuple[PartRole, ...] = ("year", "day of year", "month", "day", "hour", "minute")
-_PART_ABOVE: dict[PartRole, PartRole] = {"minute": "hour", "second": "minute", "day": "month"}
-_PLACE_OF_PART: dict[PartRole, int] = {**{role: i for i, role in enumerate(_IN_ORDER)}, "day of year": 7}
-"""Index of each part in `datetime.timetuple()`."""
+_IN_ORDER: tuple[PartRole, ...] = ("year", "month", "day", "hour", "minute", "second", "millisecond")
+_PART_ABOVE: dict[PartRole, PartRole] = {
+    "day": "month",
+    "minute": "hour",
+    "second": "minute",
+    "millisecond": "second",
+}
+"""No part counts without this one."""
 
 
 def named_parts(columns: list[Column], rows: list[Cells]) -> TimeColumn | None:
@@ -131,7 +131,6 @@ def named_parts(columns: list[Column], rows: list[Cells]) -> TimeColumn | None:
         clock = clock_form([row[places["clock"]] for row in rows])
     if clock is None:
         places.pop("clock", None)
-    # No part counts without the one above it.
     kept: tuple[tuple[PartRole, int], ...] = tuple(
         (role, i) for role, i in places.items() if _PART_ABOVE.get(role, "year") in places
     )
@@ -145,25 +144,17 @@ def unnamed_parts(rows: list[Cells]) -> TimeColumn | None:
     hardly anything else.
     """
     width = min(map(len, rows), default=0) if len(rows) >= _MIN_ROWS else 0
-    for first, roles in product(range(width - 3), (_NUMBERED, _IN_ORDER)):
-        pairs = zip(roles, range(first, width), strict=False)
-        parts = tuple(takewhile(lambda part: _in_range(rows, *part), pairs))
+    for first, step in product(range(width - 3), (1, 2)):
+        pairs = zip(_IN_ORDER[:6], (first, *range(first + step, width)), strict=False)
+        parts = tuple(takewhile(lambda part: _are_parts(rows, *part), pairs))
         time = TimeColumn(first, "calendar", parts=parts)
-        if len(parts) < 4 or judge(stamps_of(time, rows, ".")).back > _MAX_BACK_WEAK:
-            continue
-        if roles is _NUMBERED:  # the day of the year must agree with the month and the day
-            by_month = replace(time, parts=(parts[0], *parts[2:4]))
-            by_number = replace(time, parts=parts[:2])
-            if not np.array_equal(stamps_of(by_month, rows, "."), stamps_of(by_number, rows, ".")):
-                continue
-        return time
+        if len(parts) >= 4 and judge(stamps_of(time, rows, ".")).back <= _MAX_BACK_WEAK:
+            return time
     return None
 
 
-def _in_range(rows: list[Cells], role: PartRole, index: int) -> bool:
-    low, high = PART_RANGES[role]
-    numbers = (parse_number(row[index]) for row in rows)
-    return all(number is not None and low <= number <= high and number % 1 == 0 for number in numbers)
+def _are_parts(rows: list[Cells], role: PartRole, index: int) -> bool:
+    return all(row[index].isdecimal() and parse_part(row[index], role) is not None for row in rows)
 
 
 def clock_form(cells: list[str]) -> ClockForm | None:
@@ -210,10 +201,24 @@ def find_candidates(columns: list[Column], rows: list[Cells], decimal: str, opti
             if form is not None and (name.strength or form.kind != "number"):
                 unit = (form.unit or name.unit) if form.kind == "number" else ""
                 forms[i] = replace(form, index=i, unit=unit)
+                forms[i] = _after_turns(forms[i], rows, decimal) if unit and i else forms[i]
     proposed = [*_joined(forms, columns, names, rows, decimal), *forms.values()]
     parts = named_parts(columns, rows) or (None if any(c.name for c in columns) else unnamed_parts(rows))
     weighed = [_weighed(column, names, rows, decimal) for column in (*proposed, *([parts] if parts else []))]
     return [one for one in weighed if one is not None]
+
+
+def _after_turns(form: TimeColumn, rows: list[Cells], decimal: str) -> TimeColumn:
+    """Numbers that begin again at each full second, day or week, with the column before that counts those."""
+    stamps = stamps_of(form, rows, decimal)
+    if np.all(np.diff(stamps) >= 0) or not np.all(stamps >= 0):
+        return form
+    for seconds in (1.0, 86_400.0, 604_800.0):
+        turn = seconds / SECONDS_PER_UNIT[form.unit]
+        whole = replace(form, parts=(("turns", form.index - 1), ("rest", form.index)), turn=turn)
+        if np.all(stamps < turn) and np.all(np.diff(stamps_of(whole, rows, decimal)) >= 0):
+            return whole
+    return form
 
 
 def _joined(
@@ -223,9 +228,8 @@ def _joined(
 
     Digits are a clock (`1800`) only where their name gives no unit: `time_ms` counts milliseconds.
     """
-    days = {i: stamps_of(form, rows, decimal) for i, form in forms.items() if form.kind == "calendar"}
-    days = {i: stamps[np.isfinite(stamps)] for i, stamps in days.items()}
-    days = {i: stamps for i, stamps in days.items() if _are_days(stamps)}
+    read = {i: stamps_of(form, rows, decimal) for i, form in forms.items() if form.kind == "calendar"}
+    days = {i: known for i, stamps in read.items() if _are_days(known := stamps[np.isfinite(stamps)])}
     clocks: dict[int, ClockForm] = {}
     for i, column in enumerate(columns if days else ()):
         form = forms.get(i)
@@ -257,17 +261,17 @@ def _weighed(column: TimeColumn, names: list[TimeName], rows: list[Cells], decim
     A date with a clock says most, a bare number least.
     """
     stamps = stamps_of(column, rows, decimal)
-    evidence = judge(stamps, column.turn_s * 1e6)
+    evidence = judge(stamps, column)
     stamps = stamps[np.isfinite(stamps)]
     clear = names[column.index].strength == 2
-    if evidence.fill < _MIN_FILL or (len(rows) > 1 and not evidence.moves):
+    if evidence.fill < _MIN_FILL or (len(rows) > 1 and not evidence.distinct):
         return None
     if column.kind != "number":
         form = 1.5 if column.kind == "calendar" and not _are_days(stamps) else 0.75
     else:
         if not (clear and len(rows) < _MIN_ROWS) and evidence.back > (MAX_BACK if clear else _MAX_BACK_WEAK):
             return None
-        form = 0.75 if column.unit or is_since_1970(stamps) else 0.0
+        form = 0.75 if column.unit or find_epoch(stamps[:1]) else 0.0
         form = -0.5 if column.unit in ("day", "year") else form
     strength = max(names[i].strength for i in column.indices)
     return evidence.weight + strength + form, column
@@ -288,35 +292,37 @@ _MIN_STEPS_FROM_1970 = 3
 
 def unnamed_time(columns: list[Column], rows: list[Cells], decimal: str, *, named: bool) -> TimeColumn | None:
     """Numbers with no name of a time: dates in digits, a first column without a name that rises, or since 1970."""
-    if len(columns) < 2:
+    if len(columns) < 2 or len(rows) < _MIN_ROWS:
         return None
-    unit = UNIT_OF_WORD.get(columns[0].unit.strip().lower(), "")
     others = columns[1:] if columns[0].name.lower() == "x" else []
-    may_lead = not named or unit or any(column.unit or column.name.lower().startswith("ch") for column in others)
-    read: dict[int, tuple[TimeColumn, Array]] = {}
-    for i, column in enumerate(columns):
-        form = find_stamp_form([row[i] for row in rows], decimal) if i == 0 or column.role == "channel" else None
-        if form is not None:
-            stamps = stamps_of(replace(form, index=i), rows, decimal)
-            read[i] = replace(form, index=i), stamps[np.isfinite(stamps)]
     channels = [i for i, column in enumerate(columns) if column.role == "channel"]
+    read: dict[int, tuple[TimeColumn, Array]] = {}
+    for i in {0, *channels}:
+        form = find_stamp_form([row[i] for row in rows], decimal)
+        if form is not None:
+            form = replace(form, index=i, unit=UNIT_OF_WORD.get(columns[i].unit.strip().lower(), ""))
+            stamps = stamps_of(form, rows, decimal)
+            read[i] = form, stamps[np.isfinite(stamps)]
+    may_lead = not named or UNIT_OF_WORD.get(columns[0].unit.strip().lower())
+    may_lead = may_lead or any(column.unit or column.name.lower().startswith("ch") for column in others)
     all_rise = all(i in read and bool(np.all(np.diff(read[i][1]) > 0)) for i in channels)
     found: list[Weighed] = []
     for i, (form, stamps) in read.items():
         if stamps.size < _MIN_ROWS:
             continue
-        rises = bool(np.all(np.diff(stamps) >= 0))
-        if i in channels and form.kind == "calendar" and rises:
-            found.append((4, form))
-        elif i == 0 and may_lead and _is_ramp(stamps):
-            found.append((3, TimeColumn(0, "number", unit)))
-        elif i in channels and not (named or all_rise) and _is_ramp(stamps) and judge(stamps).even >= MIN_EVEN:
-            found.append((2, replace(form, unit=UNIT_OF_WORD.get(columns[i].unit.lower(), ""))))
-        elif i in channels and is_since_1970(stamps) and stamps.size == len(rows):
-            # A burst of samples may share its stamp.
-            steps = int(np.count_nonzero(np.diff(stamps)))
-            if steps >= _MIN_STEPS_FROM_1970 and (rises or in_order_is_even(stamps)):
-                found.append((1, form))
+        is_channel, is_ramp, steps = i in channels, _is_ramp(stamps), np.diff(stamps)
+        rises = bool(np.all(steps >= 0))
+        in_order = np.count_nonzero(steps) >= _MIN_STEPS_FROM_1970 and (rises or in_order_is_even(stamps))
+        rules = (
+            (4, is_channel and form.kind == "calendar" and rises),
+            (3, i == 0 and may_lead and is_ramp),
+            (2, is_channel and not (named or all_rise) and is_ramp and judge(stamps).even >= MIN_EVEN),
+            (
+                1,
+                is_channel and stamps.size == len(rows) and in_order and find_epoch(stamps),
+            ),  # a burst may share one
+        )
+        found += [(points, form) for points, holds in rules if holds]
     return max(found, key=lambda one: one[0], default=(0, None))[1]
 
 
@@ -341,92 +347,74 @@ _CLOSE = 1.0
 
 
 def find_time(
-    columns: list[Column], rows: list[Cells], decimal: str, *, named: bool, options: ReadOptions = DEFAULTS
+    columns: list[Column],
+    rows: list[Cells],
+    decimal: str,
+    *,
+    named: bool,
+    choice: str | int | None = None,
+    labels: Cells = (),
+    options: ReadOptions = DEFAULTS,
 ) -> TimeColumn | None:
-    """The candidate with the most points; None where there is none.
+    """The time column that the user chose, else the candidate with the most points; None where there is none.
 
     Args:
         columns: Names and roles.
         rows: Cells of rows from the head of the file and, if available, from its middle and end.
         decimal: Decimal mark.
         named: True where the names are those of the source.
+        choice: A name, an index from 0, or "none"; None: the points decide.
+        labels: The names as the file writes them, `time [ms]`.
         options: Format of the stamps, order of day and month.
 
     Raises:
-        BadSetting: the format of the stamps fits no column.
-    """
-    rows = _sampled(rows)
-    found = find_candidates(columns, rows, decimal, options)
-    if options.time_format is not None and not found:
-        raise BadSetting(f"time_format must fit a column of stamps (got {options.time_format!r}, which fits none)")
-    if not found:
-        return unnamed_time(columns, rows, decimal, named=named)
-    points, best = max(found, key=lambda one: one[0])
-    rivals = [one for one in found if not {*one[1].indices} & {*best.indices}]
-    rival = max(rivals, key=lambda one: one[0], default=None)
-    if rival is not None and rival[0] >= points - _CLOSE and (name := columns[rival[1].index].name):
-        note = Assumption(f'the time could also be "{name}": --time-column "{name}"')
-        best = replace(best, notes=(*best.notes, note))
-    return _with_repeated(best, columns, rows, decimal)
-
-
-def chosen_time(
-    columns: list[Column],
-    rows: list[Cells],
-    decimal: str,
-    choice: str | int,
-    labels: Cells = (),
-    options: ReadOptions = DEFAULTS,
-) -> TimeColumn | None:
-    """The time column that the user chose, by name or by index from 0; None for "none".
-
-    Raises:
-        BadSetting: there is no such column, or it holds neither numbers nor stamps.
+        BadSetting: no column fits the format of the stamps, or the choice; that column holds no numbers or stamps.
     """
     names = [column.name for column in columns]
     if choice == "none" and "none" not in names:
         return None
+    rows = _sampled(rows)
+    found = sorted(find_candidates(columns, rows, decimal, options), key=lambda one: -one[0])
+    if choice is not None:
+        index = _index_of(choice, names, labels)
+        joined = (one for _, one in found if one.parts and index in one.indices)
+        return next(joined, None) or _chosen(index, columns[index], [row[index] for row in rows], decimal, options)
+    if options.time_format is not None and not found:
+        raise BadSetting(f"time_format must fit a column of stamps (got {options.time_format!r}, which fits none)")
+    if not found:
+        return unnamed_time(columns, rows, decimal, named=named)
+    points, best = found[0]
+    rival = next((one for one in found if not {*one[1].indices} & {*best.indices}), None)
+    if rival is not None and rival[0] >= points - _CLOSE and (name := names[rival[1].index]):
+        note = Assumption(f'the time could also be "{name}": --time-column "{name}"')
+        best = replace(best, notes=(*best.notes, note))
+    return best
+
+
+def _index_of(choice: str | int, names: list[str], labels: Cells) -> int:
+    """Index of the column that the user chose, by its name in the file or in the report, or by its index."""
     index = choice
     if isinstance(index, str):
-        # As the file writes it, `time [ms]`, or as the report shows it, `time`.
         alike = [i for known in (names, list(labels)) for i, name in enumerate(known) if name == index.strip()]
         index = alike[0] if alike else -1
-    if not 0 <= index < len(columns):
+    if not 0 <= index < len(names):
         shown = ", ".join(name or f"column {i}" for i, name in enumerate(names, 1))
         raise BadSetting(f'the time column must be one of {shown}, or "none" (got {choice!r})')
-    rows = _sampled(rows)
-    found = find_candidates(columns, rows, decimal, options)
-    joined = [one for one in found if one[1].parts and index in one[1].indices]
-    if joined:
-        return _with_repeated(max(joined, key=lambda one: one[0])[1], columns, rows, decimal)
-    name, cells = time_name(columns[index]), [row[index] for row in rows]
+    return index
+
+
+def _chosen(index: int, column: Column, cells: list[str], decimal: str, options: ReadOptions) -> TimeColumn:
+    name = time_name(column)
     form = find_stamp_form(cells, decimal, replace(name, strength=2), options)
     if form is None:
-        example = next(filter(None, cells), "")[:40]
-        if options.time_format is not None:
-            raise BadSetting(f"time_format must fit the stamps (got {options.time_format!r} for {example!r})")
-        raise BadSetting(f"the time column must hold numbers or stamps (got {example!r})")
-    column = replace(form, index=index, unit=name.unit if form.kind == "number" else "")
-    return _with_repeated(column, columns, rows, decimal)
-
-
-def _with_repeated(column: TimeColumn, columns: list[Column], rows: list[Cells], decimal: str) -> TimeColumn:
-    """The time with the columns that only repeat a part of it: a year, a month, an hour beside a whole stamp."""
-    places = {i: _PLACE_OF_PART.get(_role(one.name) or "clock") for i, one in enumerate(columns)}
-    places = {i: place for i, place in places.items() if place is not None and columns[i].role == "channel"}
-    if column.kind != "calendar" or not places:
-        return column
-    stamps = zip(stamps_of(column, rows, decimal).tolist(), rows, strict=True)
-    moments = [((_EPOCH + timedelta(microseconds=at)).timetuple(), row) for at, row in stamps if abs(at) < _MAX_US]
-    left = {i: place for i, place in places.items() if moments and i not in column.indices}
-    also = (i for i, at in left.items() if all(m[at] == parse_number(row[i], decimal) for m, row in moments))
-    return replace(column, also=tuple(also))
+        example, form = next(filter(None, cells), "")[:40], options.time_format
+        got = f"{example!r}" if form is None else f"{form!r} for {example!r}"
+        must = "the time column must hold numbers or stamps" if form is None else "time_format must fit the stamps"
+        raise BadSetting(f"{must} (got {got})")
+    return replace(form, index=index, unit=name.unit if form.kind == "number" else "")
 
 
 def _sampled(rows: list[Cells]) -> list[Cells]:
     """The first rows, some from the middle and the last ones, none of them twice."""
-    if len(rows) <= _MAX_ROWS:
-        return rows
-    third = _MAX_ROWS // 3
-    middle = (len(rows) - third) // 2
-    return rows[:third] + rows[middle : middle + third] + rows[-third:]
+    third, middle = _MAX_ROWS // 3, (len(rows) - _MAX_ROWS // 3) // 2
+    return rows if len(rows) <= _MAX_ROWS else rows[:third] + rows[middle : middle + third] + rows[-third:]
