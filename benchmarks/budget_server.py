@@ -72,15 +72,17 @@ def watch_viser() -> None:
 
 
 def serve_kalscope(arguments: list[str]) -> None:
-    from kalscope_app.commands import run
+    from kalscope.cli.app import run
     from kalscope_app.engine import engine
     from kalscope_app.guard.messages import MessageFilter
+    from kalscope_app.main import add_dashboard
     from kalscope_app.session.session import Session
 
     marked(MessageFilter, "_dispatch", before="arrived")
     marked(Session, "request", before="requested")
     marked(Session, "apply_requests", before="turn", after="applied")
     marked(engine, "compute_frame", after="computed")
+    add_dashboard()
     run(["open", *arguments])
 
 

@@ -32,7 +32,7 @@ from kalscope.sources.port.registry import port_of
 from kalscope_app.dashboard import Dashboard
 from kalscope_app.engine.engine import DELAYS
 from kalscope_app.guard.server import guarded_server
-from kalscope_app.session.live_changes import opened_live, set_span
+from kalscope_app.session.changes import opened_live, set_span
 
 RATE = 1000.0
 NAMES = ("wave", "number", "noise")

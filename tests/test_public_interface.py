@@ -19,8 +19,8 @@ import typer
 
 import kalscope
 from kalscope import classic
-from kalscope.cli.app import command
-from kalscope_app.commands import app
+from kalscope.cli.app import app, command
+from kalscope_app.main import add_dashboard
 
 ROOT = Path(__file__).parents[1]
 LISTED = (Path(__file__).parent / "public_interface.txt").read_text(encoding="utf-8").splitlines()
@@ -110,6 +110,7 @@ def test_every_argument_of_a_dataclass_is_a_field():
 
 def command_line():
     """The arguments and options of the program and of its commands."""
+    add_dashboard()
     program = typer.main.get_command(app)
     yield from (f"kalscope {spelling(option)}" for option in program.params)
     for name in sorted(program.commands):

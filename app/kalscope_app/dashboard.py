@@ -7,6 +7,8 @@ import gc
 import logging
 import threading
 from collections.abc import Callable, Collection
+from dataclasses import fields
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +16,7 @@ import viser
 
 from kalscope.errors import KalscopeError, describe
 from kalscope_app.engine.engine import Engine, Part, Studies, Study
+from kalscope_app.engine.filter_runs import Cache
 from kalscope_app.engine.frame import Frame
 from kalscope_app.engine.jobs import Jobs
 from kalscope_app.live import BoardConnection, BoardRecording
@@ -22,17 +25,17 @@ from kalscope_app.session.changes import as_it_was_left
 from kalscope_app.session.opening import later_answers, with_firsts
 from kalscope_app.session.session import Session
 from kalscope_app.session.state import State
-from kalscope_app.studies.checks import FusionJudge, StillStretches, compute_allan, compute_checks, compute_spectra
-from kalscope_app.studies.comparisons import AlternativesStudy, Overviews, VariantTable
-from kalscope_app.studies.tuning_map import MapMaker
+from kalscope_app.studies.checks import compute_allan, compute_checks, compute_spectra, judge_sensors, still_stretch
+from kalscope_app.studies.comparisons import compute_alternatives, compute_overview, compute_variants
+from kalscope_app.studies.tuning_map import compute_map
 from kalscope_app.views.board import BoardView, compared
 from kalscope_app.views.chart_tabs import AllanView, AlternativesView, ChannelsView, SpectrumView
 from kalscope_app.views.checks import ChecksView, VerdictView
-from kalscope_app.views.export import CodeView, CommandLineView, ReportView, TuningFileView, device_notes
+from kalscope_app.views.export import CodeView, CommandLineView, add_downloads, device_notes
 from kalscope_app.views.fleet import FleetTab
 from kalscope_app.views.fusion import FusionView
-from kalscope_app.views.goal import MORE_FOLDER, GoalView
-from kalscope_app.views.help import FirstSteps, HelpView
+from kalscope_app.views.goal import MORE_FOLDER, CostsView, GoalView
+from kalscope_app.views.help import FirstSteps, add_help
 from kalscope_app.views.live import LiveView
 from kalscope_app.views.map import TuningMapView
 from kalscope_app.views.phone import PhonePictures
@@ -52,19 +55,13 @@ WARM_UP_AFTER_S = 2.0
 class Dashboard:
     """Views, session and engine on one server."""
 
-    def __init__(
-        self,
-        server: viser.ViserServer,
-        state: State,
-        folder: Path,
-        log_file: Path | None = None,
-    ) -> None:
+    def __init__(self, server: viser.ViserServer, state: State, folder: Path, log_file: Path | None = None) -> None:
         """Build every view; nothing is shown yet.
 
         Args:
             server: the guarded server.
             state: what to show first; `start` connects its live board.
-            folder: the folder that exports and recordings stay in.
+            folder: the folder that recordings stay in.
             log_file: the log, named in notifications.
         """
         self._server, self.notifications = server, Notifications(server, log_file)
@@ -72,7 +69,7 @@ class Dashboard:
         self._port_jobs = Jobs(tell)  # a port must not wait for a long search
         self._connection = BoardConnection(self._port_jobs)
         self._settings = UserSettings()
-        state = state.with_view(map_shown=self._settings.map_shown)
+        state = state.with_view(map_shown=self._settings.has("map_shown"))
         if state.live is not None:
             self._connection.adopt(state.live.board)
         self.session = Session(state, self._connection)
@@ -83,11 +80,12 @@ class Dashboard:
         self._last: Frame | None = None
         self._kept, self._opened, self._written = KeptTunings(), "", None
         self._map = TuningMapView(self.session)
-        self._phones = PhonePictures(server)
+        self._phones = PhonePictures()
         self._build(folder)
-        make_map, still, judge = MapMaker(), StillStretches(), FusionJudge()
+        judge, still = partial(judge_sensors, kept=Cache()), partial(still_stretch, kept=Cache())
+        make_map = partial(compute_map, kept=Cache())
         rounds = [
-            self._study(VariantTable().compute, self._variants.show_table),
+            self._study(partial(compute_variants, kept=Cache()), self._variants.show_table),
             Study(
                 lambda state: (state, make_map(state)) if state.view.map_shown else None,
                 lambda answer: self._draw(answer, self._map.show),  # not as a batch: frames must not wait for it
@@ -95,19 +93,19 @@ class Dashboard:
             ),
             self._study(compared, self._board.show_check),
             self._study(
-                lambda state: judge.of(state) or compute_checks(state, still.of),
+                lambda state: judge(state) or compute_checks(state, still),
                 *(self._verdict.show_checks, self._checks.show, self._fusion.show_judged),
             ),
             self._study(lambda state: device_notes(state, self._code.choice), self._code.show_notes),
-            self._study(Overviews().compute, self._channels.show_overview),
+            self._study(partial(compute_overview, kept=Cache()), self._channels.show_overview),
             self._study(compute_spectra, self._spectrum.show),
             self._study(compute_allan, self._allan.show),
-            self._study(AlternativesStudy().compute, self._alternatives.show),
+            self._study(partial(compute_alternatives, kept=Cache()), self._alternatives.show),
             Study(self._keep_tuning, lambda _kept: None, lambda error: log.info("not kept: %s", describe(error))),
         ]
         self.engine = Engine(self.session, self.show, tell, Studies(rounds), self._fail)
         server.on_client_connect(self._on_connect)
-        server.on_client_disconnect(self._on_disconnect)
+        server.on_client_disconnect(self._phones.detach)
 
     def _build(self, folder: Path) -> None:
         """All widgets, from top to bottom; the command palette last."""
@@ -150,16 +148,15 @@ class Dashboard:
             self._source.build_rest(gui)
             self._map.on_device = self._source.open_device
         with tabs.add_tab("Export"):
-            self._code = CodeView(gui, self.session, self._jobs, self.notifications.tell, folder)
+            self._code = CodeView(gui, self.session, self._jobs)
             self._board = BoardView(gui, self.session, self._jobs, self.notifications.tell, self._connection)
-            self._tuning_file = TuningFileView(gui, self.session, self._jobs, self.notifications.tell, folder)
-            ReportView(gui, self.session, self._jobs)
+            add_downloads(gui, self.session, self._jobs)
             self._command_line = CommandLineView(gui)
         with tabs.add_tab("View"):
             self._view = ViewTab(gui, self.session)
             self._map.build_controls(gui)
         with tabs.add_tab("Help"):
-            HelpView(gui, steps)
+            add_help(gui, steps)
 
     def _build_tune(self, gui: viser.GuiApi) -> None:
         self._chain = ChainView(gui, self.session)
@@ -169,7 +166,8 @@ class Dashboard:
         with gui.add_folder(MORE_FOLDER, expand_by_default=False):
             self._fusion = FusionView(gui, self.session, self._jobs)
             self._more = MoreView(gui, self.session)
-        self._verdict.connect(self.session, self._goal)
+        self._costs = CostsView(gui, self._goal)
+        self._verdict.search = self._goal.search
 
     def start(self) -> None:
         """Connect the board if there is one and show the first frame; returns once it is drawn, or after 60 s."""
@@ -194,8 +192,9 @@ class Dashboard:
 
     def _keep_tuning(self, state: State) -> None:
         """Keep the filters of the file on screen for the next start, if they have changed."""
-        if state.live is None and state.settings is not self._written and Path(state.recording.source).is_file():
-            self._written = state.settings
+        kept = state.recording.source, state.tunings, state.fused
+        if state.live is None and kept != self._written and Path(state.recording.source).is_file():
+            self._written = kept
             self._kept.keep(state.as_tuning())
 
     def stop(self) -> None:
@@ -211,8 +210,7 @@ class Dashboard:
         """Draw parts of a frame, as one message batch. Runs on the engine's thread."""
         with self._server.atomic():
             if Part.FULL in parts or Part.SIGNAL in parts:
-                self._panels.set_theme(dark=frame.state.view.dark)
-                self._panels.set_map_shown(frame.state.view.map_shown)
+                self._panels.show(frame)
                 self._views.draw(self.signal.show, frame, thinned=Part.FULL not in parts)
             if Part.NUMBERS in parts:
                 self._show_numbers(frame)
@@ -223,22 +221,22 @@ class Dashboard:
         self._server.flush()
         if Part.NUMBERS in parts:
             self._draw(frame, self._phones.show)
-        if frame.state.answers.note != self._note:
-            self._note = frame.state.answers.note
+        if frame.state.note != self._note:
+            self._note = frame.state.note
             if self._note:
                 self.notifications.tell(self._note, good=True)
 
     def _show_numbers(self, frame: Frame) -> None:
-        for view in self._header, self._verdict, self._goal, self._parameters, self._more, self._chain:
-            self._draw(frame, view.show)
-        self._draw(frame, self._fusion.show, self._map.follow)
+        main = self._header, self._verdict, self._goal, self._parameters, self._more, self._chain
+        views = *main, self._costs, self._fusion
+        self._draw(frame, *(view.show for view in views), self._map.follow)
 
     def _show_other(self, frame: Frame) -> None:
-        for view in self._view, self._question, self._window, self._source, self._live:
-            self._draw(frame, view.show)
+        views = self._view, self._question, self._window, self._source, self._live
+        self._draw(frame, *(view.show for view in views))
         if self._last is None or not only_grown(self._last, frame):
-            for view in self._variants, self._channels, self._code, self._board, self._command_line:
-                self._draw(frame, view.show)
+            views = self._variants, self._channels, self._code, self._board, self._command_line
+            self._draw(frame, *(view.show for view in views))
         self._draw(frame.state.fleet, self._fleet.show)
         self._commands.show()
         self._last = frame
@@ -281,19 +279,15 @@ class Dashboard:
     def _on_connect(self, client: viser.ClientHandle) -> None:
         """A new browser: its own upload button, its picture if it is on a phone, and what it missed."""
         self._source.add_upload(client)
-        self._tuning_file.add_upload(client)
         self._phones.attach(client)
         self.notifications.attach(client)
         if client.client_id not in self._server.get_clients():  # gone already: both run in a pool, in any order
-            self._on_disconnect(client)
-
-    def _on_disconnect(self, client: viser.ClientHandle) -> None:
-        self._phones.detach(client)
-        self.notifications.forget(client)
+            self._phones.detach(client)
 
 
 def only_grown(last: Frame, frame: Frame) -> bool:
     """Whether a live record has new samples and nothing else is new, not even a request that was refused."""
     old, new = last.state, frame.state
-    same = old.settings is new.settings and old.view is new.view and old.answers is new.answers
-    return same and last.serial == frame.serial and old.live is not None and new.live is not None
+    others = {one.name for one in fields(State)} - {"recording", "live"}
+    same = all(getattr(old, name) is getattr(new, name) for name in others)
+    return same and last.serial == frame.serial and None not in (old.live, new.live)

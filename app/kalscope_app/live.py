@@ -10,16 +10,15 @@ from pathlib import Path
 
 from kalscope.common.files import check_inside
 from kalscope.common.progress import Progress
-from kalscope.common.text import count
 from kalscope.errors import BadDevice, BadFile, BadSetting, Cancelled, KalscopeError, describe
 from kalscope.export.board import BoardAnswer, FixedFilter, board_filter, commands, measure, values_in_use
 from kalscope.export.float32 import float32_params, float32_tuning, runs_kalman
 from kalscope.sources.live.samples import Snapshot
 from kalscope.sources.live.source import LiveSource
-from kalscope.sources.port.registry import PortSpec, port_of
-from kalscope.sources.recorder import Recorder, RecorderCounts, first_free
+from kalscope.sources.port.registry import PortSpec
+from kalscope.sources.recorder import Recorder, first_free
 from kalscope_app.engine.jobs import Jobs
-from kalscope_app.session.live_changes import opened_live
+from kalscope_app.session.changes import opened_live
 from kalscope_app.session.session import Failed, Session
 from kalscope_app.session.state import BoardCalibration, ConnectionState, Sent, State
 
@@ -64,10 +63,10 @@ class BoardConnection:
             raise BadSetting("no board is connected: connect one in the Source tab first")
         return source
 
-    def open(self, session: Session, port: PortSpec, *, reconnect: bool) -> None:
+    def open(self, session: Session, port: PortSpec) -> None:
         """Connect another board and show it; waits for the port, so run it as a job."""
         self.close()
-        source = LiveSource(port, reconnect=reconnect)
+        source = LiveSource(port)
         source.start()
         with self._lock:
             self._connected = self._awaited = source
@@ -109,17 +108,6 @@ class BoardConnection:
                 self._connected, self._left, work = None, connected, connected.close
         if work is not None:
             self._jobs.run(work)
-
-
-def port_named(spec: str, rate: str, *, reset: bool) -> PortSpec:
-    """The port of a device or an address as it was typed, and of its baud rate.
-
-    Raises:
-        BadSetting: it is not a port.
-    """
-    if not spec:
-        raise BadSetting("the port must be named, such as /dev/ttyACM0 or COM3 (got nothing)")
-    return port_of(spec, default_baud=rate, reset=reset)
 
 
 # Lets the live board measure the noise of the channel on screen.
@@ -203,7 +191,7 @@ class BoardRecording:
             self.on_change(source.status().recording)
             pause.wait(CHECK_EVERY)
         done = recorder.close()  # waits until the file is closed
-        self._tell(f"Recorded {recorder.files}: {account(done)}", good=not recorder.error, failed=Failed.RECORD)
+        self._tell(f"Recorded {recorder.files}: {done}", good=not recorder.error, failed=Failed.RECORD)
         self.last = next(filter(Path.exists, recorder.paths), recorder.path)
         self._propose(recorder.path)
         self._wake()  # a board in the background is closed once it is no longer recorded
@@ -214,14 +202,6 @@ class BoardRecording:
         free = first_free(path.with_name(f"{stem}{path.suffix}"))
         self.name = str(free.relative_to(self._folder.resolve()) if free.is_absolute() else free)
         self.on_change(None)
-
-
-def account(counts: RecorderCounts) -> str:
-    """The line counts of a recording; they always add up."""
-    return (
-        f"{count(counts.received)} lines = {count(counts.written)} written + {count(counts.rejected)} rejected"
-        f" + {count(counts.dropped)} dropped"
-    )
 
 
 # Sends a setting to the live board that runs the exported filter.

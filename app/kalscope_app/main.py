@@ -24,13 +24,21 @@ def main() -> None:
     from kalscope.common.stopping import ended_by_signals
 
     with ended_by_signals():
+        from kalscope.cli.app import run
         from kalscope.cli.console import plain_diagnostics
-        from kalscope_app.commands import run
 
+        add_dashboard()
         plain_diagnostics()
         warnings.simplefilter("ignore", RuntimeWarning)  # of numpy: what overflows is refused or reported in words
         status = run(sys.argv[1:] or ["open"])
     leave(status)
+
+
+def add_dashboard() -> None:
+    """Add `open` to the commands."""
+    from kalscope.cli.app import COMMANDS
+
+    COMMANDS["open"] = ("Open the dashboard in a browser.", "kalscope_app.open_command:open_dashboard")
 
 
 def leave(status: int) -> None:

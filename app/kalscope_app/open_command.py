@@ -10,6 +10,7 @@ import tempfile
 import threading
 import webbrowser
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -20,12 +21,13 @@ from kalscope.cli.options import SamplePeriod, reads_source
 from kalscope.common.files import temporary_folder
 from kalscope.common.stopping import stop_signals
 from kalscope.common.text import one_line
+from kalscope.errors import BadSetting
 from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
-from kalscope.sources.port.registry import ADDRESS_EXAMPLES
+from kalscope.sources.port.registry import ADDRESS_EXAMPLES, is_live
+from kalscope.sources.port.ssh import FILE_PREFIX
 
 if TYPE_CHECKING:
     from kalscope_app.guard.server import GuardedServer
-    from kalscope_app.program.log import Log
     from kalscope_app.session.state import State
 
 MAX_RECORDING_S = 2.5
@@ -74,7 +76,7 @@ def open_dashboard(
     from kalscope_app.guard.server import guarded_server
     from kalscope_app.guard.viser_private import replaced
     from kalscope_app.program.log import logging_to
-    from kalscope_app.session.share import apply_options
+    from kalscope_app.session.changes import apply_options
     from kalscope_app.views.window import page_script
 
     def token(bound_port: int) -> str:
@@ -83,7 +85,7 @@ def open_dashboard(
     report_compiling()
     # All temporary files, also those of unfinished tasks, are removed at the end. Ctrl+C still interrupts reading.
     with (
-        logging_to(log, verbose=verbose) as running_log,
+        logging_to(log, verbose=verbose) as hidden,
         temporary_folder() as own,
         replaced(tempfile, "tempdir", str(own)),
     ):
@@ -91,17 +93,21 @@ def open_dashboard(
         state = apply_options(state, channel, chain, q=q, r=r, p0=p0, x0=x0, gate=gate, momentum=momentum)
         start = functools.partial(guarded_server, host, port, allow_hosts=allow_host or (), behind=behind)
         start = functools.partial(start, token=token, page_script=page_script(), hold=True, label="Kalscope")
-        serve(state, start, running_log, browser=browser)
+        serve(state, start, log, hidden, browser=browser)
 
 
 def serve(
     state: State,
     start_server: Callable[..., GuardedServer],
-    log: Log,
+    log: Path | None,
+    hidden: list[str],
     *,
     browser: bool,
 ) -> None:
-    """Show `state` in a dashboard until a signal ends it; `start_server` needs only `on_refused`."""
+    """Show `state` in a dashboard until a signal ends it; `start_server` needs only `on_refused`.
+
+    The token is added to what `hidden` keeps out of the file `log`.
+    """
     from kalscope.common.compiled import watch_compiling
     from kalscope_app.guard.requests import opening_page
     from kalscope_app.guard.viser_private import callback_errors_to, thread_pool
@@ -120,14 +126,14 @@ def serve(
         with stop_signals() as end:
             try:
                 with end.interrupting():
-                    log.hidden.append(guarded.token)
+                    hidden.append(guarded.token)
                     errors.watch_server(guarded.server.get_event_loop(), thread_pool(guarded.server))
                     print(f"Kalscope: {guarded.url}", flush=True)
                     if browser:
                         webbrowser.open(opened.enter_context(opening_page(guarded.url)).as_uri())
                     from kalscope_app.dashboard import Dashboard  # while the page loads
 
-                    dashboard = Dashboard(guarded.server, state, folder, log.file)
+                    dashboard = Dashboard(guarded.server, state, folder, log)
                     errors.notify = dashboard.notifications.show_failure
                     dashboard.start()
                     watch_compiling(dashboard.notifications.show_compiling)
@@ -155,52 +161,37 @@ def first_state(
     source: str, options: ReadOptions, config: Path | None, sample_period: float | None = None
 ) -> State:
     """The state that is shown first; a live board is not connected yet."""
+    from kalscope.catalogue import open_source
     from kalscope.sources.live.source import LiveSource
-    from kalscope.sources.port.registry import is_live
     from kalscope.tuning.file import load_tuning
-    from kalscope_app.session.live_changes import opened_live
+    from kalscope_app.program.user_settings import KeptTunings
+    from kalscope_app.session.changes import opened_live
+    from kalscope_app.session.opening import adapted, opened_experiment, opened_raw
 
-    if not is_live(source):
-        return recorded_state(source, options, config, sample_period)
-    board = LiveSource(source, options)
-    state = opened_live(board, board.spec.url, tuning=None if config is None else load_tuning(config))
-    return state.with_open(options=options)
+    tuning = None if config is None else load_tuning(config)
+    if is_live(source):
+        board = LiveSource(source, options)
+        return replace(opened_live(board, board.spec.url, tuning=tuning), options=options)
+    if tuning is None and source.startswith("experiment:"):
+        return opened_experiment(source)
+    spec = source or ("demo" if tuning is None else tuning.source)
+    if not spec and tuning is not None:
+        raise BadSetting(
+            f"SOURCE must be given, because {config} was made from an uploaded file (got only --config): "
+            f"kalscope open {tuning.source_name or 'FILE'} --config {config}"
+        )
+    state = opened_raw(open_source(spec, options, sample_period=sample_period))
+    if tuning is not None:
+        state = adapted(state, tuning)
+    elif not source and (last := one_line(Path(KeptTunings().last()).name)[:80]):
+        state = replace(state, note=f"{last} was open last: Open this path, in the Source tab, brings it back.")
+    return replace(state, options=options, typed_period=sample_period or state.typed_period)
 
 
 def followed(source: str) -> str:
     """The address of a file that is read as it grows; a live source is returned as it is."""
-    from kalscope.errors import BadSetting
-    from kalscope.sources.port.registry import is_live
-    from kalscope.sources.port.ssh import FILE_PREFIX
-
     if is_live(source):
         return source
     if not Path(source).is_file():
         raise BadSetting(f"--follow needs an existing file (got {source!r})")
     return f"{FILE_PREFIX}{Path(source).absolute()}"
-
-
-def recorded_state(source: str, options: ReadOptions, config: Path | None, sample_period: float | None) -> State:
-    """A recording, with the values of the tuning file if there is one."""
-    from kalscope.catalogue import open_source
-    from kalscope.errors import BadSetting
-    from kalscope.tuning.file import load_tuning
-    from kalscope_app.program.user_settings import KeptTunings
-    from kalscope_app.session.opening import opened_experiment, opened_raw, opened_with
-
-    if source.startswith("experiment:") and config is None:
-        return opened_experiment(source)
-    if config is None:
-        state = opened_raw(open_source(source or "demo", options, sample_period=sample_period))
-        last = "" if source else one_line(Path(KeptTunings().last()).name)[:80]
-        note = f"{last} was open last: Open this path, in the Source tab, brings it back." if last else ""
-        return state.with_open(options=options, typed_period=sample_period).with_answers(note=note)
-    tuning = load_tuning(config)
-    spec = source or tuning.source
-    if not spec:
-        raise BadSetting(
-            f"SOURCE must be given, because {config} was made from an uploaded file (got only --config): "
-            f"kalscope open {tuning.source_name or 'FILE'} --config {config}"
-        )
-    state = opened_with(open_source(spec, options, sample_period=sample_period), tuning)
-    return state.with_open(options=options, typed_period=sample_period or state.open.typed_period)

@@ -8,10 +8,20 @@ import re
 import numpy as np
 import pytest
 import signals
+from each import each
 
-from kalscope import BadSetting, FilterParams, kalman_filter, params_for_specification, ratio_for, steady_state
+from kalscope import (
+    BadSetting,
+    FilterParams,
+    estimate,
+    kalman_filter,
+    params_for_specification,
+    ratio_for,
+    smooth,
+    steady_state,
+)
 from kalscope.analysis import candidates
-from kalscope.analysis.alternatives import MAX_SAMPLES, compare_alternatives, stretch_of
+from kalscope.analysis.alternatives import MAX_SAMPLES, compare_alternatives, fixed_lag, stretch_of
 from kalscope.analysis.candidates import at_lag, at_noise
 from kalscope.analysis.filter_errors import difference, spikes_in, verdict
 from kalscope.common.text import count
@@ -280,6 +290,25 @@ def test_where_the_signal_keeps_its_direction_nothing_simpler_is_better(match):
     if match == "noise":
         assert exponential.noise_reduction_db == pytest.approx(found.present.noise_reduction_db)
         assert exponential.lag_samples > 2.0 * found.present.lag_samples
+
+
+@each("momentum", [0.0, 20.0])
+def test_the_fixed_lag_smoother_sees_so_much_ahead_and_its_gain_is_known_without_the_truth(momentum):
+    rng = np.random.default_rng(8)
+    walk = np.cumsum(rng.normal(size=4000))
+    truth = np.convolve(walk, np.exp(-np.arange(200) / momentum), "same") if momentum else walk
+    noise = 0.3 * np.abs(np.diff(truth)).mean() * 10.0
+    z = truth + rng.normal(0.0, noise, 4000)
+    model = estimate(z).params
+    params = FilterParams(ratio_for(lag_samples=3.0) * model.r, model.r)
+    blind, known = (fixed_lag(z, params, model, true) for true in (None, truth))
+    assert blind.curve[2000] == pytest.approx(smooth(z[: 2000 + 3 + 1], model).x[2000], abs=0.02 * noise)
+    gains = [float(one.parameters.split(": ")[1].split()[0]) for one in (blind, known)]
+    assert gains[0] == pytest.approx(gains[1], abs=6.0)
+    assert gains[1] > 7.0
+    found = compare_alternatives(z, params, truth=truth, model=model)
+    assert [one.name for one in found.others[-2:]] == ["Fixed lag", "Smoother (offline bound)"]
+    assert found.others[-2].rmse == known.rmse == pytest.approx(np.std((known.curve - truth)[200:-200]), rel=0.1)
 
 
 def test_the_identity_is_the_settled_recursion():

@@ -65,6 +65,6 @@ def test_a_command_in_a_hidden_folder_is_not_offered(tmp_path):
         palette = {one.label: one for one in bench.dashboard._server.gui._command_handle_from_uuid.values()}
         hidden = [palette[name] for name in ("Use", "Delete", "Back to the Kalman filter", "Send q, r and p0")]
         assert all(one.disabled for one in hidden)
-        assert not any(palette[name].disabled for name in ("Pin", "Fuse", "Dark theme", "Generate"))
+        assert not any(palette[name].disabled for name in ("Pin", "Fuse", "Dark theme", "Preview code"))
         bench.request(pin_present)
         assert [one.disabled for one in hidden] == [False, False, True, True]

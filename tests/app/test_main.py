@@ -9,7 +9,10 @@ from program import end, link_of, start
 from required import needs
 from wire import PATIENCE
 
-from kalscope_app.commands import run
+from kalscope.cli.app import run
+from kalscope_app.main import add_dashboard
+
+add_dashboard()
 
 
 def refusal(arguments, capsys):
@@ -37,10 +40,7 @@ def test_nothing_is_said_at_the_end_after_a_library_counts_what_it_leaves(tmp_pa
 
 FILES = {
     "empty.csv": b"",
-    "header.csv": b"time,z\n",
-    "letter.txt": b"Dear reader,\nthis is a letter without numbers.\n",
     "picture.png": b"\x89PNG\r\n\x1a\n\x00\x00\x00\rIHDR" + bytes(range(256)) * 4,
-    "missing.csv": b"time,z\n0,\n1,nan\n2,\n",
     "not.toml": b"q = [",
     "none.toml": b"format = 1\n",
 }
@@ -51,29 +51,21 @@ FILES = {
     ("arguments", "message"),
     [
         (["open", "nowhere.csv"], "nowhere.csv"),
-        (["open", "."], "must be a file"),
         (["open", "empty.csv"], "must hold lines of numbers (got an empty file)"),
-        (["open", "header.csv"], "must hold numbers below its header"),
-        (["open", "letter.txt"], "must"),
         (["open", "picture.png"], "must be a text file (got a PNG image)"),
-        (["open", "missing.csv"], "must"),
         (["open", "sample:nothing"], "nothing"),
-        (["open", "synthetic:zigzag"], "shape must be one of"),
         (["open", "synthetic:sine?sigma=-1"], "sigma must"),
         (["open", "serial:/dev/ttyACM0@fast"], "baud rate must"),
         (["open", "--config", "not.toml"], "not.toml"),
         (["open", "--config", "none.toml"], "none.toml"),
-        (["open", "--config", "nowhere.toml"], "nowhere.toml"),
         (["open", "demo", "--port", "99999"], "port must"),
         (["open", "demo", "--host", "no.such.host.invalid"], "cannot be used on this machine"),
         (["open", "demo", "--host", "0.0.0.0", "--no-browser"], "--allow-host"),
         (["open", "demo", "--no-such-option"], "--no-such-option"),
         (["opne"], "opne"),
         (["open", "demo", "--q", "much"], "q must be a number"),
-        (["open", "demo", "--q", "0", "--r", "0"], "not both be 0"),
         (["open", "demo", "--x0", "3"], "x0 needs p0"),
         (["open", "demo", "--gate", "0"], "gate must be"),
-        (["open", "demo", "--momentum", "long"], "momentum must be a number"),
         (["open", "demo", "--channel", "w"], "channel must be one of"),
     ],
 )

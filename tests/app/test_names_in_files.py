@@ -23,33 +23,19 @@ from kalscope.sources.reading.columns import Column
 from kalscope.sources.reading.sniffer import Layout
 from kalscope.sources.recorder import header_line, preamble, rejects_lines
 from kalscope_app.program.log import Lines
+from kalscope_app.session.changes import share_line
 from kalscope_app.session.opening import opened
-from kalscope_app.session.share import share_line
 
 FORMULA = ("=", "+", "-", "@", "\t", "\r")
 VALUES = np.cumsum(np.random.default_rng(3).normal(size=(60, 1)), axis=0)
-
-
-def tuning_of(names, text):
-    return Tuning(
-        tuple(ChannelTuning(name, text, 0.01, 0.25, how=text) for name in names),
-        source_name=text,
-        sha256=text,
-        sample_period=0.01,
-        tool=text,
-        date=text,
-    )
-
-
-def recording_of(name, source="log.csv"):
-    return Recording(np.arange(60) / 100, (name,), (name,), VALUES, 0.01, source=source, title=source)
 
 
 @pytest.mark.slow
 def test_a_tuning_file_gives_the_names_back(tmp_path):
     path = tmp_path / "tuning.toml"
     for name in NAMES:
-        save_tuning(tuning_of([name], name), path)
+        channel = ChannelTuning(name, name, 0.01, 0.25, how=name)
+        save_tuning(Tuning((channel,), source_name=name, sha256=name, tool=name, date=name), path)
         whole = name.encode("utf-8", "replace").decode()
         held = load_tuning(path).channels[0]
         assert (held.name, held.how) == (whole, whole)
@@ -93,12 +79,12 @@ def test_a_line_to_be_typed_is_one_word_each_for_a_shell(tmp_path):
     """Read back by a real shell."""
     lines = []
     for name in NAMES:
-        recording = recording_of(name, source=name)
-        two = Recording(recording.time, (name, "b"), ("", ""), np.repeat(VALUES, 2, axis=1), 0.01, source=name)
-        lines += [share_line(opened(two)).line, share_line(opened(recording)).line]
-        for line in lines[-2:]:
-            assert line.isprintable()
-            assert shlex.split(line)[:2] == ["kalscope", "open"]
+        for names in ((name,), (name, "b")):
+            values = np.repeat(VALUES, len(names), axis=1)
+            recording = Recording(np.arange(60) / 100, names, names, values, 0.01, source=name, title=name)
+            lines.append(share_line(opened(recording)).line)
+            assert lines[-1].isprintable()
+            assert shlex.split(lines[-1])[:2] == ["kalscope", "open"]
     script = "kalscope() { printf '%s\\n' $#; }\n" + "\n".join(lines)
     counts = subprocess.run(("sh",), input=script.encode(), capture_output=True, check=True, cwd=tmp_path).stdout
     assert counts.decode().split() == [str(len(shlex.split(line)) - 1) for line in lines]

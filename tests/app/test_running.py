@@ -95,37 +95,23 @@ def test_the_log_tells_who_was_refused_and_never_the_token(tmp_path):
 
 RAISING = """
 import threading
-from kalscope_app.views import export as report
-from kalscope_app.views.export import CodeView
-from kalscope_app.views.export import TuningFileView
-from kalscope_app.views.map import TuningMapView
-from kalscope_app.views.source import SourceView
+from kalscope_app.views import export, map, source
 
-def raising(*_):
-    raise LookupError("no such " + threading.current_thread().name)
+def raising(what=None):
+    def act(*_):
+        raise LookupError(f"no such {what or threading.current_thread().name}")
+    return act
 
-def on_the_loop(self, *_):
-    raise LookupError("no such save")
-
-def in_the_pool(self, *_):
-    raise LookupError("no such upload")
-
-def in_a_thread(self, client):
-    threading.Thread(target=raising, name="reader").start()
-
-def on_the_map(self):
-    raise LookupError("no such point")
-
-TuningFileView._ask_to_save = on_the_loop
-SourceView._upload = in_the_pool
-report.filtered_csv_chunks = raising
-CodeView._save = in_a_thread
-TuningMapView._on_pointed = on_the_map
+export.CodeView._preview = raising("files")  # on the loop
+source.SourceView._upload = raising("upload")  # in the pool
+export.filtered_csv_chunks = raising()  # in a job
+export.CodeView._send = lambda *_: threading.Thread(target=raising(), name="reader").start()
+map.TuningMapView._on_pointed = raising("point")
 """
 BUTTONS = {
-    "Save tuning file": "no such save",
+    "Preview code": "no such files",
     "Download filtered CSV": "no such kalscope-jobs",
-    "Save to the folder": "no such reader",
+    "Download code": "no such reader",
 }
 
 
@@ -169,9 +155,9 @@ def test_with_a_client_and_a_job_the_end_leaves_nothing_behind(tmp_path):
     with running(tmp_path) as (program, url):
         port = port_of(url)
         with Guest(port, token_of(url)) as guest:
-            guest.read_until(lambda: "Generate" in labels(guest))
-            guest.set(guest.find("numbers"), "n=8000000")
-            guest.set(guest.find("Generate"), True)
+            guest.read_until(lambda: "Open this path" in labels(guest))
+            guest.set(guest.find("path"), "synthetic:sine?n=8000000")
+            guest.set(guest.find("Open this path"), True)
             children = wait_until(lambda: children_of(program.pid), "the process that reads")
             code, out, err = end(program, signal.SIGINT)
     assert (code, out, err) == (0, "", "")

@@ -1,4 +1,4 @@
-"""The folder "Export code": choose, look, copy, save, download; and a refusal that can be read."""
+"""The Export tab: choose, look, copy, download; and a refusal that can be read."""
 
 from __future__ import annotations
 
@@ -33,19 +33,12 @@ def button(screen, name):
     return screen.page.get_by_role("button", name=name, exact=True)
 
 
-def close_window(screen):
-    window = screen.page.get_by_role("dialog")
-    window.get_by_role("button", name="Close").click()
-    window.wait_for(state="detached")
-
-
 def without_date(text):
     return [line for line in text.splitlines() if "Made by" not in line]
 
 
-def test_the_code_that_is_looked_at_is_the_code_that_is_saved_and_downloaded(screen, tmp_path):
-    button(screen, "Save tuning file").click()
-    screen.notification("Saved").wait_for()
+def test_the_code_that_is_looked_at_is_the_code_that_is_downloaded(screen, tmp_path):
+    screen.download("Download tuning file", tmp_path / "tuning.toml")
     tuning = load_tuning(tmp_path / "tuning.toml")
     expected = {
         name: without_date(text)
@@ -53,62 +46,23 @@ def test_the_code_that_is_looked_at_is_the_code_that_is_saved_and_downloaded(scr
     }
     screen.type("device sample period (s)", "0.01")
     button(screen, "Preview code").click()
+    window = screen.page.get_by_role("dialog")
     for name, lines in expected.items():
         screen.page.get_by_role("tab", name=name, exact=True).click()
-        box = screen.page.get_by_role("dialog").locator("textarea:visible")
+        box = window.locator("textarea:visible")
         assert without_date(box.input_value()) == lines
         place = box.bounding_box()
         assert place["width"] > 900, "too narrow to read code in"
         assert place["height"] > 300, "too low to read code in"
-        screen.page.get_by_role("button", name="Close").wait_for()
+        button(screen, "Close").wait_for()
+    screen.page.get_by_role("progressbar").wait_for(state="hidden")  # viser's of the download, without a name
     assert findings(screen.page) == []
     screen.shot("code-to-copy")
-    close_window(screen)
-
-    screen.type("folder", "firmware")
-    button(screen, "Save to the folder").click()
-    screen.notification("KalscopeFilter.h").wait_for()
-    sketch = tmp_path / "firmware" / "kalscope_filter"
-    assert {path.name: without_date(path.read_text()) for path in sketch.iterdir()} == expected
-    with screen.page.expect_download() as download:
-        button(screen, "Download").click()
-    assert download.value.suggested_filename == "kalscope_filter.zip"
-    with zipfile.ZipFile(io.BytesIO(download.value.path().read_bytes())) as archive:
+    button(screen, "Close").click()
+    window.wait_for(state="detached")
+    with zipfile.ZipFile(io.BytesIO(screen.download("Download code"))) as archive:
         found = {name: without_date(archive.read(name).decode()) for name in archive.namelist()}
     assert found == {f"kalscope_filter/{name}": lines for name, lines in expected.items()}
-
-
-def test_a_second_save_asks_before_it_overwrites(screen, tmp_path):
-    button(screen, "Save to the folder").click()
-    screen.notification("Saved KalscopeFilter.h, kalscope_filter.ino in export/kalscope_filter").wait_for()
-    header = tmp_path / "export" / "kalscope_filter" / "KalscopeFilter.h"
-    whole = without_date(header.read_text())
-    header.write_text("mine")
-    button(screen, "Save to the folder").click()
-    screen.page.get_by_role("dialog").get_by_text("These files exist in export").wait_for()
-    screen.shot("code-overwrite")
-    button(screen, "Choose another folder").click()
-    screen.page.get_by_role("dialog").wait_for(state="detached")
-    assert header.read_text() == "mine"
-    button(screen, "Save to the folder").click()
-    button(screen, "Overwrite").click()
-    screen.page.get_by_role("dialog").wait_for(state="detached")
-    wait_until(lambda: without_date(header.read_text()) == whole)
-
-    path = tmp_path / "kept.toml"
-    screen.type("tuning file", path.name)
-    other = Tuning((ChannelTuning("other", "", 1.0, 2.0),))
-    save_tuning(other, path)
-    button(screen, "Save tuning file").click()
-    button(screen, "Choose another name").click()
-    screen.page.get_by_role("dialog").wait_for(state="detached")
-    assert load_tuning(path).channels[0].name == "other"
-    button(screen, "Save tuning file").click()
-    button(screen, "Overwrite").click()
-    wait_until(lambda: load_tuning(path).channels[0].name == HOSTILE)
-    save_tuning(other, path)
-    button(screen, "Save tuning file").click()  # its own file by now
-    wait_until(lambda: load_tuning(path).channels[0].name == HOSTILE)
 
 
 def test_a_tuning_file_is_uploaded_and_undone_and_a_refusal_is_told(screen, tmp_path):
@@ -116,8 +70,8 @@ def test_a_tuning_file_is_uploaded_and_undone_and_a_refusal_is_told(screen, tmp_
     start = screen.text_box("process noise q").input_value()
     channels = (ChannelTuning(HOSTILE, "", 0.25, 4.0), ChannelTuning("volts", "", 1e-4, 2e-4))
     save_tuning(Tuning(channels, sample_period=0.01), tmp_path / "mine.toml")
-    screen.tab("Export")
-    screen.upload("Upload tuning file", tmp_path / "mine.toml")
+    screen.tab("Source")
+    screen.upload("Upload a file", tmp_path / "mine.toml")
     screen.notification("Q was multiplied by 0.5").wait_for()
     screen.tab("Tune")
     wait_until(lambda: screen.text_box("process noise q").input_value() == "0.125")

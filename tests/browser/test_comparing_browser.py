@@ -1,10 +1,10 @@
-"""The tabs Compare, Spectrum and Allan and the report, as the user sees them, light and dark."""
+"""The tabs Compare, Spectrum and Allan and the report, as the user sees them."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
-from screen import FIND, PICTURES
+from screen import FIND
 
 from kalscope import kalman_filter, open_source, starting_params, steady_state
 from kalscope.analysis.alternatives import compare_alternatives
@@ -14,7 +14,7 @@ from kalscope.common.text import frequency
 pytestmark = pytest.mark.browser
 
 
-def test_simpler_filters_spectrum_and_allan_deviation_in_both_themes(start):
+def test_simpler_filters_spectrum_and_allan_deviation(start):
     screen = start("demo")
     demo = open_source("demo")
     z = demo.values[:, 0]
@@ -26,7 +26,6 @@ def test_simpler_filters_spectrum_and_allan_deviation_in_both_themes(start):
     screen.wait_for_line("yours", found["lag"].present.curve)
     screen.wait_for_line("Moving average", found["lag"].others[0].curve)
     screen.page.get_by_text(found["lag"].verdict.partition(". ")[0]).first.wait_for()
-    screen.shot("compare-lag")
     screen.choose("matched by", "the same noise reduction")
     screen.choose("draw", "Median")
     screen.wait_for_line("Median", found["noise"].others[2].curve)
@@ -47,15 +46,6 @@ def test_simpler_filters_spectrum_and_allan_deviation_in_both_themes(start):
     assert np.allclose(x, allan.tau)
     assert np.allclose(y, allan.deviation)
 
-    screen.tab("View")
-    screen.page.get_by_text("dark theme").first.click()
-    screen.wait("() => document.documentElement.dataset.mantineColorScheme === 'dark'")
-    screen.page.wait_for_timeout(2500 if PICTURES else 0)  # the studies follow after a pause, with dark colours
-    for name in ("Noise", "Compare"):
-        screen.tab(name)
-        screen.page.wait_for_timeout(300 if PICTURES else 0)
-        screen.shot(f"{name.lower()}-dark")
-
 
 def test_a_filter_of_compare_leaves_for_the_board_and_the_kalman_filter_comes_back(start):
     screen = start("demo")
@@ -71,13 +61,11 @@ def test_a_filter_of_compare_leaves_for_the_board_and_the_kalman_filter_comes_ba
     screen.page.get_by_role("tab", name="Export", selected=True).wait_for()
     screen.page.get_by_text("One-euro (cut-off").first.wait_for()
     screen.page.get_by_text("runs now. The comparison is with the Kalman filter of q and r.").wait_for()
-    screen.shot("compare-chain")
     screen.tab("Signal")
     screen.wait_for_line("filtered", euro.curve)
     screen.tab("Tune")
     screen.page.get_by_text("This filter has no q and r").wait_for()
     assert screen.page.get_by_text("process noise q").count() == 0
-    screen.shot("signal-chain")
     screen.page.get_by_role("button", name="Back to the Kalman filter").click()
     screen.wait_for_line("filtered", kalman_filter(demo.values[:, 0], params).x)
     screen.page.get_by_text("process noise q").first.wait_for()
@@ -95,4 +83,3 @@ def test_the_report_is_one_sheet_of_paper(start):
     sheet.set_content(html)
     assert sheet.pdf(prefer_css_page_size=True).count(b"/Type /Page\n") == 1  # one sheet of A4
     sheet.close()
-    screen.shot("export-report")

@@ -20,7 +20,8 @@ LEFT_TABS = ("Tune", "Source", "Export", "View", "Help")
 RIGHT_TABS = ("Signal", "Check", "Compare", "Channels", "Noise")
 CLOSED_FOLDERS = {
     "Tune": ("More settings and numbers",),
-    "Source": ("Advanced", "Generate a signal"),
+    "Source": ("Advanced",),
+    "Export": ("Command line",),
 }
 CHARTS = {"Signal": 2, "Check": 1, "Compare": 1, "Channels": 1, "Noise": 3}
 SAID = {

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,9 +11,10 @@ from required import not_here
 from waiting import wait_until
 
 from kalscope.fleet.results import read_fleet, reopen
+from kalscope_app.engine.filter_runs import Cache
 from kalscope_app.session.changes import at_device, open_fleet
 from kalscope_app.session.opening import opened
-from kalscope_app.studies.tuning_map import MapFrame, MapMaker
+from kalscope_app.studies.tuning_map import compute_map
 
 try:
     import pyarrow  # noqa: F401
@@ -29,13 +29,7 @@ def screen(start):
     """The page where a fleet is opened."""
     page = start("demo")
     page.tab("Source")
-    page.page.get_by_text("Fleet", exact=True).click()
     return page
-
-
-def open_folder(screen, folder):
-    screen.type("fleet folder", str(folder), enter=False)
-    screen.page.get_by_role("button", name="Open fleet").click()
 
 
 def wait_for_values(screen, expected):
@@ -66,13 +60,11 @@ def test_a_fleet_is_listed_and_its_devices_open_from_the_table_and_the_map(scree
     fleet = read_fleet(folder)
     page = screen.page
     assert page.get_by_text("sort by").count() == 0
-    open_folder(screen, folder)
+    screen.type("path", str(folder))
     page.get_by_text(re.compile(r"13 rows: 12 with q and r, 1 failed")).wait_for()
     assert "dev03.csv" in page.locator("table", has_text="device").locator("tr").nth(1).inner_text()
     for name, first in ("CSV", b'"id","channel"'), ("page", b"<!doctype html>"):
-        with page.expect_download() as download:
-            page.get_by_role("button", name=f"Download {name}").click()
-        content = Path(download.value.path()).read_bytes()
+        content = screen.download(f"Download {name}")
         assert content.startswith(first)
         assert all(f"dev{i:02d}.csv".encode() in content for i in range(12))
     assert b"13 rows: 12 with q and r, 1 failed" in content
@@ -86,11 +78,10 @@ def test_a_fleet_is_listed_and_its_devices_open_from_the_table_and_the_map(scree
     own = [fleet.devices.q[NOISY], fleet.devices.r[NOISY]]
     wait_for_values(screen, own)
 
-    page.get_by_text("at the filter for all").click()
     state = open_fleet(fleet)(opened(reopen(fleet.devices.ids[NOISY], fleet.devices.sources[NOISY], fleet.note)))
     state = at_device(fleet, NOISY)(state)
-    shown = MapMaker()(state)
-    frame = MapFrame(shown.q, shown.r)
+    shown = compute_map(state, Cache())
+    frame = shown.frame
     wait_until(lambda: mark(page) == pytest.approx(share_of(frame, own), abs=1e-4), "the map of this device")
     far = max((i for i in range(12) if i != NOISY), key=lambda i: abs(np.log(fleet.devices.q[i] / 0.04)))
     at = frame.pixel((np.log10(fleet.devices.q[far]), np.log10(fleet.devices.r[far])))
@@ -99,8 +90,7 @@ def test_a_fleet_is_listed_and_its_devices_open_from_the_table_and_the_map(scree
     place = box["x"] + box["width"] * at[0] / frame.width, box["y"] + box["height"] * at[1] / frame.height
     page.mouse.click(*place)
     page.get_by_text(fleet.devices.ids[picked]).locator("visible=true").first.wait_for()
-    shared = [float(fleet.shared.params.q), float(fleet.shared.params.r)]
-    wait_for_values(screen, shared)
+    wait_for_values(screen, [fleet.devices.q[picked], fleet.devices.r[picked]])
     screen.shot("fleet-device-from-map")
 
     page.get_by_role("button", name="Close fleet").click()
@@ -108,6 +98,6 @@ def test_a_fleet_is_listed_and_its_devices_open_from_the_table_and_the_map(scree
 
 
 def test_a_folder_of_something_else_is_refused_in_one_sentence(screen, tmp_path):
-    open_folder(screen, tmp_path)
-    screen.page.get_by_text("Cannot open fleet").wait_for()
+    screen.type("path", str(tmp_path))
+    screen.notification("must be the folder of a finished fleet").wait_for()
     assert screen.page.get_by_text("sort by").count() == 0

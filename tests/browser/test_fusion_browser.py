@@ -51,8 +51,7 @@ def test_sensors_are_fused_one_drops_out_and_the_file_brings_them_back(start, tm
     tuned = fuse(z[:, :2], replace(two, q=0.001)).x
     screen.wait_for_line("fused", tuned, 1e-9)
     screen.tab("Export")
-    press(screen, "Save tuning file")
-    screen.notification("Saved").wait_for()
+    screen.download("Download tuning file", tmp_path / "tuning.toml")
     saved = load_tuning(tmp_path / "tuning.toml").fusion
     assert (saved.sensors, saved.q) == (("a", "b"), 0.001)
     np.testing.assert_allclose(fuse(z[:, :2], saved.params).x, tuned, rtol=0, atol=1e-9)
@@ -60,8 +59,8 @@ def test_sensors_are_fused_one_drops_out_and_the_file_brings_them_back(start, tm
     screen.tab("Tune")
     press(screen, "Stop fusing")
     screen.text_box("measurement noise r").wait_for()
-    screen.tab("Export")
-    screen.upload("Upload tuning file", tmp_path / "tuning.toml")
+    screen.tab("Source")
+    screen.upload("Upload a file", tmp_path / "tuning.toml")
     screen.wait_for_line("fused", tuned, 1e-9)
     screen.tab("Tune")
     press(screen, "Undo")

@@ -16,7 +16,7 @@ def test_the_help_tab_leads_to_the_first_steps_and_hints_stand_under_the_mouse(s
     screen.page.get_by_role("button", name="Show the first steps").click()
     screen.page.get_by_role("button", name="Apply", exact=True).wait_for()  # it has led to the Tune tab
     screen.page.get_by_text("First steps.").wait_for()
-    screen.page.get_by_role("button", name="Later", exact=True).click()
+    screen.page.get_by_role("button", name="Got it", exact=True).click()
     screen.page.get_by_text("First steps.").wait_for(state="detached")
     screen.slider("q").hover()
     screen.page.get_by_text("Drag, or click and use the arrow keys").wait_for()

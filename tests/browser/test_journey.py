@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,7 @@ from hand import Hand
 from screen import FIND, Screen, dashboard
 from waiting import wait_until
 
-from kalscope import FilterParams, kalman_filter, open_source, starting_params
+from kalscope import FilterParams, kalman_filter, open_source
 from kalscope.estimation.request import Request, find_parameters
 from kalscope_app.program.user_settings import UserSettings
 from kalscope_app.views.goal import MORE_FOLDER
@@ -53,19 +54,20 @@ def test_a_maximum_lag_becomes_a_sketch_that_compiles_in_at_most_six_clicks(firs
 
     hand.press("Apply")
     z = DEMO.values[:, 0]
-    request = Request(target={"lag_s": 0.05}, momentum=starting_params(z).momentum)
-    asked = find_parameters(z, request, sample_period=DEMO.sample_period).params
+    asked = find_parameters(z, Request(target={"lag_s": 0.05}), sample_period=DEMO.sample_period).params
     screen.wait_for_line("filtered", kalman_filter(z, asked).x)
     result = page.get_by_text("of the noise").first
     result.wait_for()
     controls = [screen.slider(name) for name in ("q", "r", "p0")]
-    assert in_window(screen, screen.text_box("goal"), result, *controls, page.locator(".uplot").first)
+    chart = page.locator("[data-dock-region=right] .uplot").first
+    assert in_window(screen, screen.text_box("goal"), result, *controls, chart)
     screen.shot("journey-a-3-the-goal-is-met")
 
     hand.press("Export", "tab")
-    hand.press("Save to the folder")
-    screen.notification("Saved").wait_for()
-    screen.shot("journey-a-4-saved")
+    with page.expect_download() as download:
+        hand.press("Download code")
+    screen.shot("journey-a-4-downloaded")
+    shutil.unpack_archive(download.value.path(), tmp_path / "export", "zip")
     (sketch,) = (tmp_path / "export").rglob("*.ino")
     assert workshop.sketch(sketch).flash > 0
     header = "".join(file.read_text() for file in sketch.parent.glob("*.h"))
@@ -73,7 +75,7 @@ def test_a_maximum_lag_becomes_a_sketch_that_compiles_in_at_most_six_clicks(firs
     assert hand.clicks <= 6
     assert hand.seconds <= 60
 
-    wait_until(lambda: UserSettings(tmp_path / "config").tour_seen, "the tour put away")
+    wait_until(lambda: UserSettings(tmp_path / "config").has("tour_seen"), "the tour put away")
     page.reload()
     screen.ready()
     assert page.get_by_text("First steps.").count() == 0

@@ -7,7 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from waiting import wait_until
 
 from kalscope import kalman_filter, open_source, starting_params, steady_state
 from kalscope.common.text import lag_text
@@ -117,8 +116,8 @@ def test_a_signal_is_tuned_opened_and_exported_without_a_mouse(start, tmp_path):
     keys.press("Enter")
     dialog.wait_for(state="detached")
     keys.open_tab("Export", present="Source")
-    keys.go_to("button", "Save tuning file")
-    keys.press("Enter")
-    wait_until((tmp_path / "tuning.toml").exists, "the tuning file")
-    screen.notification("Saved").wait_for()
+    keys.go_to("button", "Download tuning file")
+    with screen.page.expect_download() as download:
+        keys.press("Enter")
+    download.value.save_as(tmp_path / "tuning.toml")
     assert {channel.name for channel in load_tuning(tmp_path / "tuning.toml").channels} == {"near", "far"}

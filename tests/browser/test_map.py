@@ -6,14 +6,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from PIL import Image
 from screen import pixels
 from waiting import wait_until
 
-from kalscope import FilterParams, estimate, kalman_filter, open_source, starting_params
+from kalscope import kalman_filter, open_source, starting_params
+from kalscope_app.engine.filter_runs import Cache
 from kalscope_app.program.user_settings import UserSettings
 from kalscope_app.session.opening import opened
-from kalscope_app.studies.tuning_map import MapFrame, MapMaker
-from kalscope_app.views.charts import DARK, LIGHT
+from kalscope_app.studies.tuning_map import MapFrame, compute_map
+from kalscope_app.views.map import draw_map_picture
 from kalscope_app.views.window import LEFT_WIDTH
 
 pytestmark = pytest.mark.browser
@@ -31,8 +33,8 @@ class MapScreen:
     def __init__(self, screen, source):
         self.screen = screen
         self.state = opened(open_source(source))
-        self.map = MapMaker()(self.state)
-        self.frame = MapFrame(self.map.q, self.map.r)
+        self.map = compute_map(self.state, Cache())
+        self.frame, self.size = self.map.frame, (MapFrame.width, MapFrame.height)
         if not self.page.get_by_role("button", name="Hide map").count():
             self.page.get_by_role("button", name="Map", exact=True).click()
         self.wait(f"() => ({CANVAS})()[2] > 200")
@@ -45,43 +47,20 @@ class MapScreen:
     def wait_for_map(self):
         """Until the map is drawn and fits its canvas: the picture comes after the charts."""
         self.wait_for_fit()
-        self.wait_for_picture(self.corners_are_drawn)
+        self.wait_for_picture(self.is_drawn)
 
-    def map_picture(self):
-        """The pixels of the canvas."""
-        left, top, width, height = map(round, self.page.evaluate(CANVAS))
+    def look(self):
+        """The pixels of the page without the pointer."""
         self.page.mouse.move(2, 2)
-        return pixels(self.page.screenshot())[top : top + height, left : left + width]
+        return pixels(self.page.screenshot())
 
-    def settled_map(self):
-        """The pixels of the canvas, as the one item of a tuple, once they stay the same for half a second."""
-        first = self.map_picture()
-        self.page.wait_for_timeout(500)
-        return None if (first != self.map_picture()).any() else (first,)
-
-    def corners_are_drawn(self, rgb):
-        """Just inside the frame is the heat map, just outside the background: at all four corners."""
-        frame = self.frame
-
-        def colour(x, y):
-            across, down = self.on_page(x, y)
-            return rgb[round(down), round(across)]
-
-        background = colour(8, frame.height - 8)
+    def is_drawn(self, rgb):
+        """Whether these pixels are those of the picture in the theme of the page, but for the mark."""
         scheme = self.page.evaluate("() => document.documentElement.dataset.mantineColorScheme")
-        paper = bytes.fromhex((DARK if scheme == "dark" else LIGHT).paper[1:])
-        if np.abs(background - np.frombuffer(paper, np.uint8).astype(int)).sum() > 150:
-            return False  # the picture of the other theme
-        corners = [
-            (x, dx, y, dy)
-            for x, dx in ((frame.left, 1), (frame.right, -1))
-            for y, dy in ((frame.top, 1), (frame.bottom, -1))
-        ]
-        return all(
-            np.abs(colour(x - 7 * dx, y - 6 * dy) - background).sum() < 40
-            and np.abs(colour(x + 9 * dx, y + 5 * dy) - background).sum() >= 12
-            for x, dx, y, dy in corners
-        )
+        whole = Image.fromarray(draw_map_picture(self.state.with_view(dark=scheme == "dark"), self.map))
+        (left, top), (right, bottom) = (np.rint(self.on_page(*at)).astype(int) for at in ((0, 0), self.size))
+        expected = np.asarray(whole.resize((right - left, bottom - top), Image.Resampling.BOX)).astype(int)
+        return np.abs(rgb[top:bottom, left:right] - expected).mean() < 4
 
     def at(self, q, r):
         """Page pixel of a pair."""
@@ -90,8 +69,8 @@ class MapScreen:
     def on_page(self, x, y):
         """Page pixel of a pixel of the picture, which is shrunk to fit into the middle of the canvas."""
         left, top, width, height = self.page.evaluate(CANVAS)
-        scale = min(width / self.frame.width, height / self.frame.height)
-        x, y = scale * (x - 0.5 * self.frame.width), scale * (y - 0.5 * self.frame.height)
+        scale = min(width / self.size[0], height / self.size[1])
+        x, y = scale * (x - 0.5 * self.size[0]), scale * (y - 0.5 * self.size[1])
         return left + 0.5 * width + x, top + 0.5 * height + y
 
     def values(self):
@@ -115,10 +94,6 @@ def start_map(start):
     return lambda source, **size: MapScreen(start(source, **size), source)
 
 
-def filtered(z, q, r):
-    return kalman_filter(z, replace(starting_params(z), q=q, r=r)).x
-
-
 def test_dragging_the_point_tunes_live_and_is_one_gesture(start_map):
     screen = start_map(LONG)
     z = open_source(LONG).values[:, 0]
@@ -126,8 +101,12 @@ def test_dragging_the_point_tunes_live_and_is_one_gesture(start_map):
     drawn = np.rint(time / time[-1] * (len(z) - 1)).astype(int)
     first = starting_params(z)
     q, r = first.q, first.r
-    screen.wait_for_line("filtered", filtered(z, q, r)[drawn], tolerance=1e-9)
-    screen.shot("map-drag-before")
+
+    def wait_for_filter(q, r):
+        expected = kalman_filter(z, replace(first, q=q, r=r)).x[drawn]
+        screen.wait_for_line("filtered", expected, tolerance=1e-9)
+
+    wait_for_filter(q, r)
     beside = np.array([6, -5])  # a drag that begins near the mark takes hold of it, as it is
     x, y = screen.at(q, r) + beside
     to_x, to_y = screen.at(100 * q, r / 30) + beside
@@ -138,28 +117,14 @@ def test_dragging_the_point_tunes_live_and_is_one_gesture(start_map):
         if step == 8:
             screen.page.wait_for_timeout(1500)  # a rest with the button held does not end the gesture
             during = screen.values()
-            screen.wait_for_line("filtered", filtered(z, *during)[drawn], tolerance=1e-9)
+            wait_for_filter(*during)
             assert np.log10(during) == pytest.approx(np.log10([10 * q, r / 30**0.5]), abs=0.1)
     screen.page.mouse.up()
     new = screen.settle(during)
     assert np.log10(new) == pytest.approx(np.log10([100 * q, r / 30]), abs=0.05)
-    screen.wait_for_line("filtered", filtered(z, *new)[drawn], tolerance=1e-9)
-    screen.shot("map-drag-after")
+    wait_for_filter(*new)
     screen.page.get_by_role("button", name="Undo").click()
-    screen.wait_for_line("filtered", filtered(z, q, r)[drawn], tolerance=1e-9)
-
-
-def test_a_click_on_the_best_pair_gives_the_estimate_within_a_cell(start_map):
-    screen = start_map("demo")
-    z = open_source("demo").values[:, 0]
-    best = estimate(z)
-    screen.type("process noise q", "3")  # the demo begins at its best pair
-    before = wait_until(lambda: [3.0, best.r] == pytest.approx(now := screen.values(), rel=1e-6) and now)
-    screen.wait_for_map()
-    screen.page.mouse.click(*screen.at(best.q, best.r))
-    new = screen.settle(before)
-    assert np.log10(new) == pytest.approx(np.log10([best.q, best.r]), abs=0.05)
-    screen.wait_for_line("filtered", kalman_filter(z, FilterParams(*new, momentum=best.momentum)).x, tolerance=1e-9)
+    wait_for_filter(q, r)
 
 
 def test_the_map_fits_its_canvas_in_both_themes_and_at_three_sizes(start_map):
@@ -175,22 +140,14 @@ def test_the_map_fits_its_canvas_in_both_themes_and_at_three_sizes(start_map):
         left, _, across, _ = screen.page.evaluate(CANVAS)
         assert 335 <= across <= 545
         assert left == pytest.approx(LEFT_WIDTH, abs=8)
-        chart = screen.page.locator(".uplot").first.bounding_box()
+        chart = screen.page.locator("[data-dock-region=right] .uplot").first.bounding_box()
         assert chart["width"] >= across - 25
         screen.shot(f"map-{width}-{theme}")
 
 
-def test_the_map_can_be_hidden_and_magnified(start_map):
+def test_the_map_can_be_magnified_and_moved(start_map):
     screen = start_map("demo")
     screen.tab("View")
-    wide = screen.page.evaluate(CANVAS)[2]
-    screen.page.get_by_role("button", name="Hide map").click()
-    screen.wait(f"() => ({CANVAS})()[2] < {wide} / 2")
-    screen.wait_for_fit()
-    screen.page.get_by_role("button", name="Map", exact=True).click()
-    screen.wait(f"() => ({CANVAS})()[2] > 200")
-    screen.wait_for_map()
-    (whole,) = wait_until(screen.settled_map, "a map that stays the same")
     q, r = 10.0, 1000.0
     x, y = screen.at(q, r)
     mouse = screen.page.mouse
@@ -201,21 +158,19 @@ def test_the_map_can_be_hidden_and_magnified(start_map):
             mouse.wheel(0, way * 300)
 
     turn_wheel(-1)
-    wait_until(lambda: differ(screen.map_picture(), whole), "the map magnified", pause=0.2)
-    screen.shot("map-magnified")
+    wait_until(lambda: not screen.is_drawn(screen.look()), "the map magnified", pause=0.2)
     before = screen.values()
     mouse.click(x, y)  # what is under the mouse stays there
     assert screen.settle(before) == pytest.approx([q, r], rel=0.06)  # the mouse is told in whole pixels
-    magnified = screen.map_picture()
+    magnified = screen.look()
     mouse.move(x, y)
     mouse.down(button="right")
     mouse.move(x + 60, y + 40, steps=4)
     mouse.up(button="right")
-    wait_until(lambda: differ(screen.map_picture(), magnified), "the map moved", pause=0.2)
+    wait_until(lambda: np.abs(screen.look() - magnified).mean() > 0.5, "the map moved", pause=0.2)
     assert screen.values() == pytest.approx([q, r], rel=0.06)  # the mouse is told in whole pixels
     turn_wheel(1)
-    wait_until(lambda: not differ(screen.map_picture(), whole), "the whole map", pause=0.2)
-    screen.shot("map-whole-again")
+    screen.wait_for_picture(screen.is_drawn)
 
 
 def test_the_map_stays_as_it_was_left_and_a_narrow_window_has_none(start, tmp_path):
@@ -226,7 +181,9 @@ def test_the_map_stays_as_it_was_left_and_a_narrow_window_has_none(start, tmp_pa
     screen.page.get_by_role("button", name="Map", exact=True).click()
     screen.page.get_by_role("button", name="Hide map").wait_for()
     screen.wait(f"() => ({CANVAS})()[2] > 200")
-    wait_until(lambda: screen.settings.map_shown, "the setting in its file")
+    wait_until(lambda: screen.settings.has("map_shown"), "the setting in its file")
+    screen.page.get_by_role("button", name="Hide map").click()
+    screen.wait(f"() => ({CANVAS})()[2] < 200")
     UserSettings(tmp_path / "config").keep(map_shown=True)
     screen = start("demo", own=True, width=1280)
     screen.wait(f"() => ({CANVAS})()[2] > 200")
@@ -235,9 +192,3 @@ def test_the_map_stays_as_it_was_left_and_a_narrow_window_has_none(start, tmp_pa
     screen.wait(f"() => ({CANVAS})()[2] < 200")
     screen.wait_for_fit()
     screen.page.get_by_role("button", name="Hide map").wait_for(state="hidden")
-    screen.shot("narrow-without-map")
-
-
-def differ(one, other):
-    """Whether two pictures of the map are not the same; the pointer's mark is no difference."""
-    return (np.abs(one - other).max(axis=2) > 20).mean() > 0.05

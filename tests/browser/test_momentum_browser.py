@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 from screen import FIND
 from waiting import wait_until
 
 from kalscope import FilterParams, kalman_filter, open_source, starting_params
+from kalscope.estimation.request import Request, find_parameters
+from kalscope.estimation.settings import noise_left
 from kalscope_app.session.changes import momentum_at
 from kalscope_app.views.goal import MORE_FOLDER
 
@@ -21,6 +24,28 @@ def filtered(recording, momentum):
     z = recording.channel(recording.names[0])
     start = starting_params(z)
     return kalman_filter(z, FilterParams(start.q, start.r, momentum=momentum))
+
+
+def test_a_click_on_what_each_lag_costs_takes_that_lag(start, demo):
+    screen = start("demo")
+    screen.page.get_by_text("What each lag costs without momentum.").wait_for()  # it opens with one
+    x, _ = screen.line("noise left")
+    wanted = float(np.exp(np.log(x[[0, -1]]) @ [0.4, 0.6]))  # ms
+    at, top = screen.page.evaluate(
+        f"""(x) => {{ const chart = ({FIND})('noise left'), box = chart.over.getBoundingClientRect();
+        return [box.left + chart.valToPos(x, 'x'), box.top + box.height / 2]; }}""",
+        wanted,
+    )
+    screen.page.mouse.click(at, top)
+    screen.page.get_by_text("What each lag costs.").wait_for()  # at this lag momentum would not help
+    marks, now = screen.line("this filter")
+    lag = float(marks[np.isfinite(now)][0])
+    assert lag == pytest.approx(wanted, rel=0.05)
+    chosen = Request(target={"lag_samples": lag / 20.0})
+    z = demo.channel(demo.names[0])
+    params = find_parameters(z, chosen).params
+    screen.wait_for_line("filtered", kalman_filter(z, params).x, 1e-6)
+    assert now[np.isfinite(now)] == pytest.approx(100.0 * noise_left(params), rel=1e-6)
 
 
 def test_momentum_is_typed_dragged_seen_as_velocity_and_undone(start, demo):

@@ -7,9 +7,12 @@ import pytest
 from typer import Typer
 from typer.testing import CliRunner
 
+from kalscope.cli.app import app, run
 from kalscope.cli.options import read_options, reads_source
 from kalscope.sources.grammar.read_options import DEFAULTS, OPTIONS, ReadOptions, option_words, options_from_text
-from kalscope_app.commands import app, run
+from kalscope_app.main import add_dashboard
+
+add_dashboard()
 
 WRONG = [
     ("--delimiter", "x", "delimiter must be one of"),

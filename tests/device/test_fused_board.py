@@ -11,8 +11,7 @@ from kalscope import estimate_fusion, fuse
 from kalscope.sources.live.source import LiveSource
 from kalscope_app.engine.filter_runs import FilterRuns, choose_samples
 from kalscope_app.engine.frame import compute_frame
-from kalscope_app.session.changes import apply_estimate, candidates, set_taking_part
-from kalscope_app.session.live_changes import opened_live, refreshed
+from kalscope_app.session.changes import apply_estimate, candidates, opened_live, refreshed, set_taking_part
 
 pytestmark = pytest.mark.device
 SKETCH = SKETCHES / "kalscope_stream/kalscope_stream.ino"

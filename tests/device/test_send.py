@@ -15,7 +15,7 @@ from kalscope.export.float32 import float32_params
 from kalscope.sources.live.source import LiveSource
 from kalscope.tuning.tuning import ChannelTuning
 from kalscope_app.live import send_setting
-from kalscope_app.session.live_changes import opened_live, refreshed, set_sent
+from kalscope_app.session.changes import opened_live, refreshed, set_sent
 from kalscope_app.studies.checks import compare_with_board
 
 pytestmark = pytest.mark.device
@@ -60,7 +60,7 @@ def test_only_the_channel_on_screen_gets_the_values_and_computes_what_we_do(star
     with LiveSource(board.port) as source:
         state = grown(source, opened_live(source, "board"), lambda state: len(state.recording) > 150)
         assert state.recording.names == ("light", "light_filtered", "temp", "temp_filtered")
-        state = state.with_open(channel="temp").with_tuning(q=0.037, r=11.3, momentum=after)
+        state = replace(state, channel="temp").with_tuning(q=0.037, r=11.3, momentum=after)
         state = replace(state, sent=send_setting(state, source))
         rows = state.sent.row + 200
         state = grown(source, state, lambda state: len(state.recording) > rows)

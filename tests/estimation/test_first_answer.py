@@ -9,10 +9,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from each import each
+from scipy.signal import lfilter
 
-from kalscope import FilterParams, denoise, starting_params, steady_state
-from kalscope.estimation.request import HARDLY, find_parameters, proposed_lag
-from kalscope.estimation.settings import movement_lost, noise_left
+from kalscope import FilterParams, denoise, estimate, ratio_for, starting_params, steady_state
+from kalscope.estimation.request import HARDLY, Request, find_parameters, proposed_lag
+from kalscope.estimation.settings import momentum_gain, movement_lost, movement_of, noise_left
 
 N, PERIOD = 2000, 0.02
 TIME = PERIOD * np.arange(N)
@@ -66,6 +67,34 @@ def test_with_noise_it_is_as_good_as_the_best_fixed_q_r_and_momentum(name):
         assert error(found.params) <= rms(z - truth)
         against_best.append(error(found.params) / best)
     assert np.median(against_best) <= 1.05
+
+
+@each("name", SIGNALS)
+def test_at_a_given_lag_the_momentum_of_the_best_fit_is_used_where_it_leaves_less_error_than_none(name):
+    movement, noise = SIGNALS[name]
+    rng = np.random.default_rng([7, list(SIGNALS).index(name)])
+    truth = movement(rng)
+    z = truth + rng.normal(0.0, noise, N)
+    first = find_parameters(z).params
+    for lag in (steady_state(first).lag_samples, 1.0, 5.0):
+        found = find_parameters(z, Request(target={"lag_samples": lag})).params
+        ratios = {tau: ratio_for(lag_samples=lag, momentum=tau) for tau in (0.0, first.momentum)}
+        errors = [rms(denoise(z, FilterParams(ratio, 1.0, momentum=tau)) - truth) for tau, ratio in ratios.items()]
+        assert steady_state(found).lag_samples == pytest.approx(lag)
+        assert rms(denoise(z, found) - truth) <= 1.02 * min(errors)
+
+
+def test_advice_to_add_momentum_holds_what_it_says():
+    rng = np.random.default_rng(2)
+    truth = SIGNALS["sine"][0](rng)
+    z = truth + rng.normal(0.0, 10.0, N)
+    one = estimate(z)
+    for lag in (0.2, 0.4, 0.8):
+        plain = FilterParams(ratio_for(lag_samples=lag), 1.0)
+        moving = FilterParams(ratio_for(lag_samples=lag, momentum=one.momentum), 1.0, momentum=one.momentum)
+        errors = [rms(denoise(z, params) - truth) for params in (plain, moving)]
+        assert momentum_gain(z, None, plain, one) == pytest.approx(1.0 - errors[1] / errors[0], abs=0.04)
+    assert momentum_gain(z, None, one.params, one) == 0.0  # it has it
 
 
 WALK = np.cumsum(np.random.default_rng(3).normal(size=500))
@@ -133,3 +162,31 @@ def test_a_code_for_no_echo_neither_starts_nor_moves_the_filter_and_a_step_is_fo
     assert "400 came" in found.message
     only = replace(found.estimate.params, gate=16.0)
     assert rms(x - truth) < 0.5 * rms(denoise(z, only) - truth)
+
+
+@each("seed", range(4))
+def test_no_gate_keeps_out_more_than_a_tenth_of_the_movement(seed):
+    """As of a light sensor: bright and dark, and flashes that a spike-proof fit takes for spikes."""
+    rng = np.random.default_rng(seed)
+    bright = np.where(rng.random(500) < 0.15, rng.exponential(1500.0, 500), 0.0)
+    z, flashes = np.repeat(bright, 6) + rng.normal(0.0, 20.0, 3000), rng.random(3000) < 0.01
+    z[flashes] += rng.exponential(6000.0, flashes.sum())
+    found = find_parameters(z)
+    ungated = replace(found.params, gate=None, x0=None, p0=None)
+    assert found.lost <= 0.1 + movement_lost(movement_of(z, None, found.estimate), ungated, None)
+
+
+def test_of_a_long_record_spikes_and_momentum_are_found_as_of_a_short_one():
+    """Parts of it decide what is set aside and whether there is momentum; q, r and momentum are of all of it."""
+    rng = np.random.default_rng(5)
+    n = 300_000
+    truth = np.cumsum(lfilter([0.1], [1.0, -math.exp(-1.0 / 40.0)], rng.normal(size=n)))
+    z, spikes = truth + rng.normal(0.0, 3.0, n), np.flatnonzero(rng.random(n) < 0.01)
+    z[spikes] += 60.0
+    found = find_parameters(z)
+    aside = np.flatnonzero(found.estimate.outliers)
+    assert np.isin(spikes, aside).all()
+    assert len(aside) < 1.02 * len(spikes)
+    assert found.params.momentum == pytest.approx(40.0, rel=0.05)
+    clean = estimate(np.where(found.estimate.outliers, math.nan, z), robust=False)
+    assert (found.params.momentum, found.params.ratio) == (clean.momentum, pytest.approx(clean.ratio, rel=1e-9))

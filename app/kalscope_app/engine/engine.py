@@ -22,7 +22,7 @@ from kalscope_app.engine.filter_runs import (
     facts_of,
 )
 from kalscope_app.engine.frame import Frame, compute_frame
-from kalscope_app.session.live_changes import live_window, studied
+from kalscope_app.session.changes import live_window, studied
 from kalscope_app.session.session import Session
 from kalscope_app.session.state import State
 
@@ -61,18 +61,13 @@ class Schedule:
     """Which parts are behind the newest frame, and when each must be drawn. Times are in s, of one clock."""
 
     def __init__(self) -> None:
-        self._newest = -math.inf
-        self._behind: dict[Part, float] = {}
+        self._newest, self._behind = -math.inf, dict[Part, float]()
 
     def begin(self, now: float, *, whole: bool) -> tuple[Part, ...]:
         """A new frame has arrived: which of its parts to draw now; `whole`: none may wait."""
         self._newest = now
-        if whole:
-            self._behind.clear()
-            return tuple(Part)
-        for part in DELAYS:
-            self._behind.setdefault(part, now)
-        return (Part.SIGNAL,)
+        self._behind = {} if whole else {part: self._behind.get(part, now) for part in DELAYS}
+        return tuple(Part) if whole else (Part.SIGNAL,)
 
     def next_due(self) -> float:
         """When the next part is due if no newer frame comes; inf if none is behind."""
@@ -85,16 +80,14 @@ class Schedule:
             now: the time.
             moving: whether a newer frame is due too: it takes precedence over parts that may still wait.
         """
-        due = tuple(part for part in sorted(self._behind) if now >= (self._latest if moving else self._due)(part))
+        due = tuple(part for part in sorted(self._behind) if now >= self._due(part, moving=moving))
         for part in due:
             del self._behind[part]
         return due
 
-    def _due(self, part: Part) -> float:
-        return min(self._newest + DELAYS[part][0], self._latest(part))
-
-    def _latest(self, part: Part) -> float:
-        return self._behind[part] + DELAYS[part][1]
+    def _due(self, part: Part, *, moving: bool = False) -> float:
+        since, (still, longest) = self._behind[part], DELAYS[part]
+        return since + longest if moving else min(self._newest + still, since + longest)
 
 
 def is_move(before: State, after: State) -> bool:
@@ -105,7 +98,7 @@ def is_move(before: State, after: State) -> bool:
 def _what_is_drawn(state: State) -> tuple[object, ...]:
     momentum = state.uses_parameters and state.tuning.momentum > 0.0
     shown = state.record_key, state.measured, state.board, state.variants, state.view
-    return *shown, state.is_standard, state.tuning.chain, momentum, state.answers.note
+    return *shown, state.is_standard, state.tuning.chain, momentum, state.note
 
 
 # Idle-time computations: checks, map, spectra.
@@ -116,22 +109,13 @@ def _what_is_drawn(state: State) -> tuple[object, ...]:
 
 
 IDLE_DELAY = 0.2
-"""Seconds without a new state after which the studies are computed, at least."""
+"""Seconds without a new state after which the studies are computed, at least; else as long as the longest took.
+
+A study that has begun is not interrupted: on a long record it would slow down the next key press of a user who
+steps through values."""
 
 MAX_IDLE_DELAY = 1.0
 """And at most."""
-
-
-def idle_delay(longest: float) -> float:
-    """Seconds without a new state to wait for before a round of studies.
-
-    A study that has begun is not interrupted: on a long record it would slow down the next key press of a user who
-    steps through values.
-
-    Args:
-        longest: seconds that the longest study of the last round took.
-    """
-    return min(max(IDLE_DELAY, longest), MAX_IDLE_DELAY)
 
 
 @dataclass(frozen=True)
@@ -167,9 +151,8 @@ class Studies:
         while True:
             self._news.wait()
             self._news.clear()
-            if self._news.wait(timeout=idle_delay(self._longest)):
-                continue
-            if self._state is not None:
+            delay = min(max(IDLE_DELAY, self._longest), MAX_IDLE_DELAY)
+            if not self._news.wait(timeout=delay) and self._state is not None:
                 self._round(self._state)
 
     def _round(self, state: State) -> None:
@@ -205,9 +188,6 @@ MIN_INTERVAL = 0.04
 
 LIVE_INTERVAL = 0.045
 """Seconds between two frames of a live record: 22 a second."""
-
-SILENT_INTERVAL = 0.2
-"""Seconds between two polls of a board that sends nothing: each poll costs time, and nothing is waiting."""
 
 MAX_LIVE_POINTS = 2000
 """Points that a line is drawn with while a board sends, at most: every frame draws all of them again."""
@@ -253,7 +233,7 @@ class Engine:
         self._runs, self._facts = FilterRuns(), Cache[Facts]()
         self._frame: Frame | None = None
         self._schedule = Schedule()
-        self._begun = self._frame_at = self._news_at = self._looked_at = self._study_at = -math.inf
+        self._begun = self._frame_at = self._news_at = self._study_at = -math.inf
         self.first_frame = threading.Event()
         """Set once the first frame is drawn, or has failed: browsers wait for it."""
 
@@ -287,10 +267,7 @@ class Engine:
 
     def _tick(self) -> float:
         """When a live board is polled again without a request; inf for a finished record."""
-        if not self._session.is_live:
-            return math.inf
-        silent = time.monotonic() - self._news_at > SETTLING
-        return self._begun + (SILENT_INTERVAL if silent else LIVE_INTERVAL)
+        return math.inf if self._session.board is None else self._begun + LIVE_INTERVAL
 
     def _wait_for_frame(self, now: float) -> bool:
         """Wait until a new frame is due, or a part of the last one; True for a new frame."""
@@ -315,21 +292,8 @@ class Engine:
         state, serial, failures = self._session.apply_requests()
         for failed, error in failures:
             self._tell(str(error) if isinstance(error, KalscopeError) else error, failed=failed)
-        if self._is_news(state, serial):
-            self._draw(state, serial)
-
-    def _is_news(self, state: State, serial: int) -> bool:
-        """Whether its frame would differ from the last one; a wake-up for a live record may bring nothing new."""
-        last, now = self._frame, time.monotonic()
-        if last is None or state is not last.state or serial != last.serial or state.live is None:
-            self._news_at = self._looked_at = now
-            return True
-        if now - self._looked_at < STATUS_INTERVAL:
-            return False
-        self._looked_at = now
-        return now - self._news_at < SETTLING or self._session.connection() != last.connection
-
-    def _draw(self, state: State, serial: int) -> None:
+        if not self._is_news(state, serial):
+            return
         asked = self._frame is None or serial != self._frame.serial
         try:
             self._show_frame(state, serial)
@@ -338,6 +302,16 @@ class Engine:
             if self._studies is not None and due:
                 self._study_at = self._frame_at
                 self._studies.of(studied(state))
+
+    def _is_news(self, state: State, serial: int) -> bool:
+        """Whether its frame would differ from the last one; a wake-up for a live record may bring nothing new."""
+        last, now = self._frame, time.monotonic()
+        if last is None or state is not last.state or serial != last.serial or state.live is None:
+            self._news_at = now
+            return True
+        if now - self._frame_at < STATUS_INTERVAL:
+            return False
+        return now - self._news_at < SETTLING or self._session.connection() != last.connection
 
     def _show_frame(self, state: State, serial: int) -> None:
         limit = MAX_POINTS if state.live is None else MAX_LIVE_POINTS

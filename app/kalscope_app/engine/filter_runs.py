@@ -12,14 +12,7 @@ from tsdownsample import MinMaxLTTBDownsampler
 
 from kalscope.common.numbers import Array
 from kalscope.filtering.classic import ChainFilter
-from kalscope.filtering.filter import (
-    Filter,
-    FilterResult,
-    GrowingRun,
-    StandardFilter,
-    filter_at,
-    kalman_filter,
-)
+from kalscope.filtering.filter import Filter, FilterResult, GrowingRun, StandardFilter, filter_at, kalman_filter
 from kalscope.filtering.steady import SteadyState
 from kalscope.recording import Recording
 from kalscope_app.session.state import State
@@ -65,18 +58,16 @@ def _same(one: object, other: object) -> bool:
 # Facts about all samples of a record.
 
 
-@dataclass(frozen=True)
-class Facts:
-    """What holds for a whole recording and one of its channels."""
+Facts = tuple[Array, int]
+"""Times to draw at, s, never descending, shape (n,): where time steps back, the last value is held; how many
+samples of the channel are missing."""
 
-    ascends: bool = True
-    """Whether its time never steps back."""
-    missing: int = 0
-    """Missing samples of the channel."""
 
-    def clock(self, recording: Recording) -> NDArray[np.float64]:
-        """Times to draw at, s, never descending, shape (n,): where time steps back, the last value is held."""
-        return recording.time if self.ascends else np.maximum.accumulate(recording.time)
+def facts_of(recording: Recording, channel: str) -> Facts:
+    """The facts of a recording and a channel, whatever the window."""
+    time, missing = recording.time, np.isnan(recording.channel(channel))
+    clock = np.maximum.accumulate(time) if np.any(time[1:] < time[:-1]) else time
+    return clock, int(np.count_nonzero(missing))
 
 
 # Which samples of a long record are drawn.
@@ -93,7 +84,7 @@ REACH = 2
 """Drawn points to each side whose lowest and highest value the band holds: about one pixel."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class DrawnSamples:
     """Which samples of a recording are drawn; chosen on the raw signal, so that tuning changes only y."""
 
@@ -122,12 +113,6 @@ class DrawnSamples:
         return len(self.indices) < self.last - self.first
 
 
-def facts_of(recording: Recording, channel: str) -> Facts:
-    """The facts of a recording and a channel."""
-    time, gaps = recording.time, np.isnan(recording.channel(channel))
-    return Facts(not np.any(time[1:] < time[:-1]), int(np.count_nonzero(gaps)))
-
-
 def choose_samples(
     recording: Recording,
     channel: str,
@@ -147,22 +132,17 @@ def choose_samples(
         others: channels that are drawn at the same samples, as lines: then nothing is drawn as a band.
     """
     n = len(recording)
-    facts = facts or facts_of(recording, channel)
-    clock = facts.clock(recording)
+    clock, missing = facts or facts_of(recording, channel)
     first, last = 0, n
     if window is not None:
         first = max(0, min(int(np.searchsorted(clock, window[0], side="left")), n - 2))
         last = min(n, max(int(np.searchsorted(clock, window[1], side="right")), first + 2))
-    column = recording.index(channel)
+    column, *columns = map(recording.index, (channel, *others))
     z = recording.values[:, column]
     truth = None if recording.truth is None else recording.truth[:, column]
-    if others:
-        at = first + choose_together(
-            recording.values[first:last, list(map(recording.index, (channel, *others)))], limit
-        )
-    else:
-        at = first + choose_indices(z[first:last], None if truth is None else truth[first:last], limit)
-    dense = last - first > DENSE and not facts.missing and not others
+    values = recording.values[first:last, [column, *columns]] if others else z[first:last]
+    at = first + choose_indices(values, None if truth is None or others else truth[first:last], limit)
+    dense = last - first > DENSE and not missing and not others
     return DrawnSamples(
         first=first,
         last=last,
@@ -170,7 +150,7 @@ def choose_samples(
         time=clock[at],
         raw=z[at],
         truth=None if truth is None else truth[at],
-        missing=0 if others else facts.missing,
+        missing=0 if others else missing,
         time_range=(float(clock[0]), float(clock[-1])),
         band=band_around(z[first:last], at - first) if dense else None,
     )
@@ -189,33 +169,29 @@ def band_around(z: Array, at: NDArray[np.intp]) -> tuple[Array, Array]:
 
 
 def choose_indices(z: Array, truth: Array | None = None, limit: int = MAX_POINTS) -> NDArray[np.intp]:
-    """Ascending indices of at most `limit` samples that preserve the shape of z, (n,), and of the truth."""
+    """Ascending indices of at most `limit` samples that keep the shape of each column of z, and of the truth.
+
+    Args:
+        z: shape (n,) or (n, channels).
+        truth: shape (n,), or None; a quarter of the samples is chosen for it.
+        limit: most samples.
+    """
     n = len(z)
     if n <= limit:
         return np.arange(n, dtype=np.intp)
-    if truth is None:
-        return _downsample(z, limit)
-    share = limit // 4
-    return np.union1d(_downsample(z, limit - share), _downsample(truth, share)).astype(np.intp)
-
-
-def choose_together(values: Array, limit: int) -> NDArray[np.intp]:
-    """Ascending indices of at most `limit` rows that keep the shape of each column of `values`, (n, channels)."""
-    n, channels = values.shape
-    if n <= limit:
-        return np.arange(n, dtype=np.intp)
-    chosen = [_downsample(column, limit // channels) for column in values.T]
+    columns, share = z.reshape(n, -1).T, 0 if truth is None else limit // 4
+    chosen = [_downsample(column, (limit - share) // len(columns)) for column in columns]
+    chosen += [] if truth is None else [_downsample(truth, share)]
     return np.unique(np.concatenate(chosen)).astype(np.intp)
 
 
-def _downsample(y: Array, points: int) -> NDArray[np.intp]:
+def _downsample(y: Array, points: int) -> NDArray[np.uint64]:
     """MinMaxLTTB; missing samples are held at their last value for the choice."""
     if np.isnan(y).any():
         known = np.where(np.isnan(y), 0, np.arange(len(y)))
         y = np.nan_to_num(y[np.maximum.accumulate(known)])
     downsampler = cast("Any", MinMaxLTTBDownsampler())  # its stubs leave the types of the arguments open
-    chosen: NDArray[np.uint64] = downsampler.downsample(np.ascontiguousarray(y), n_out=points)
-    return np.unique(chosen).astype(np.intp)
+    return downsampler.downsample(np.ascontiguousarray(y), n_out=points)
 
 
 # The runs of the filters over the record on screen, kept between frames; those of a live record are continued.
@@ -225,16 +201,9 @@ MAX_KEPT = 1_000_000
 """Samples of a finished recording up to which a whole run is kept: it takes 40 bytes per sample."""
 
 
-@dataclass(frozen=True)
-class DrawnRun:
-    """What a chart needs of a run."""
-
-    at: FilterResult
-    """The run at the samples drawn; its sums are over all samples."""
-    gain: Callable[[int], Array]
-    """The gain of the first n samples."""
-    whole: FilterResult | None
-    """All of the run; None where only the drawn samples were kept."""
+DrawnRun = tuple[FilterResult, Callable[[int], Array], FilterResult | None]
+"""What a chart needs of a run: the run at the samples drawn, its sums over all samples; the gain of the first n
+samples; all of the run, or None where only the drawn samples were kept."""
 
 
 @dataclass
@@ -250,15 +219,13 @@ class FilterRuns:
     """Filters what is on screen, one channel or several sensors, once for each filter."""
 
     def __init__(self) -> None:
-        self._whole, self._live = Cache[FilterResult](), Cache[_LiveRun]()
-        self._drawn, self._variants = Cache[FilterResult](), Cache[Array]()
-        self._settled = Cache[SteadyState]()
+        self._live, self._kept = Cache[_LiveRun](), Cache[Any]()
 
     def begin(self, state: State) -> None:
         """A new frame begins."""
         scope = (state.record_key, state.measured, state.recording.gaps)
-        self._whole.begin(*scope)
         self._live.begin(*scope)
+        self._kept.begin(*scope)
 
     def of(self, state: State, used: Filter) -> FilterResult:
         """What is on screen, filtered by another filter or its own."""
@@ -267,37 +234,36 @@ class FilterRuns:
             return self._continued(state, used, z)
         if state.live is not None or len(z) > MAX_KEPT:
             return used.run(z, state.dt)
-        return self._whole.get(used, lambda: used.run(z, state.dt))
+        return self._kept.get(used, lambda: used.run(z, state.dt))
 
     def drawn(self, state: State, drawn: DrawnSamples) -> DrawnRun:
         """The filter of the State at the samples drawn; for a finished recording only these are kept."""
-        used, dt, whole = state.running_filter, state.dt, None
+        used, dt, whole = state.running.filter, state.dt, None
         if state.live is None and state.board is None and isinstance(used, StandardFilter):
-            self._drawn.begin(state.record_key, state.measured, state.recording.gaps, drawn)
-            at = self._drawn.get(used, lambda: filter_at(state.readings, used.params, drawn.indices, dt))
+            at = self._kept.get((used, drawn), lambda: filter_at(state.readings, used.params, drawn.indices, dt))
         else:
             whole = self.of(state, used)
             at = whole.at(drawn.indices)
         if state.running.sensors:  # no innovation is drawn, and the gain is that of the equivalent filter
             none = np.full(len(at.x), np.nan)
             at = replace(at, k=none, innovation=none, s=none)
-            return DrawnRun(at, lambda size: kalman_filter(np.zeros(size), state.params).k, None)
-        if whole is not None:
-            return DrawnRun(at, lambda size: whole.k[:size], whole)
+            return at, lambda size: kalman_filter(np.zeros(size), state.params).k, None
 
         def gain(size: int) -> Array:
+            if whole is not None:
+                return whole.k[:size]
             return kalman_filter(state.z[:size], state.params, None if dt is None else dt[:size]).k
 
-        return DrawnRun(at, gain, None)
+        return at, gain, whole
 
     def variants(self, state: State, drawn: DrawnSamples) -> tuple[Array, ...]:
         """The pinned settings of the channel on screen at the samples drawn: no slider changes them."""
-        filters = [one.tuning.filter for one in state.variants]
+        filters, z, dt, at = [one.tuning.filter for one in state.variants], state.z, state.dt, drawn.indices
         if state.live is not None:
-            return tuple(self.of(state, one).x[drawn.indices] for one in filters)
-        self._variants.begin(drawn, state.recording, state.channel)
-        z, dt, at = state.z, state.dt, drawn.indices
-        return tuple(self._variants.get(one, lambda one=one: one.denoise(z, dt)[at]) for one in filters)
+            return tuple(self.of(state, one).x[at] for one in filters)
+        return tuple(
+            self._kept.get(("pinned", one, drawn), lambda one=one: one.denoise(z, dt)[at]) for one in filters
+        )
 
     def settled(self, state: State, run: FilterResult) -> SteadyState:
         """The steady state of the State's filter, from its run; that of a chain is measured, which takes longer.
@@ -308,8 +274,7 @@ class FilterRuns:
         if not isinstance(used, ChainFilter):
             return used.settled(run, period)
         size = 0 if state.live is None else len(state.recording).bit_length()
-        self._settled.begin(state.record_key, state.measured, state.recording.gaps, size)
-        return self._settled.get(used, lambda: used.settled(run, period))
+        return self._kept.get((used, size), lambda: used.settled(run, period))
 
     def _continued(self, state: State, used: StandardFilter | ChainFilter, z: Array) -> FilterResult:
         """The run over a live record as it is now: only the new samples go through the filter."""

@@ -111,10 +111,9 @@ def compute_frame(
     recording = state.recording
     runs = runs or FilterRuns()
     runs.begin(state)
-    run = runs.drawn(state, drawn)
-    result, at = run.at, drawn.indices
-    steady = runs.settled(state, run.whole or result)
-    start_up = samples_to_settle(run.gain, len(recording), steady.gain) if state.has_gain else 0
+    (result, gain, whole), at = runs.drawn(state, drawn), drawn.indices
+    steady = runs.settled(state, whole or result)
+    start_up = samples_to_settle(gain, len(recording), steady.gain) if state.has_gain else 0
     gain_samples = gain_axis(start_up, len(recording))
     board = None if state.board is None else recording.channel(state.board)
     velocity, velocity_spread = _velocity(state, result)
@@ -133,10 +132,10 @@ def compute_frame(
         innovation=result.innovation,
         innovation_spread=2.0 * np.sqrt(result.s),
         start_up=start_up,
-        gain=run.gain(int(gain_samples[-1]) + 1)[gain_samples],
+        gain=gain(int(gain_samples[-1]) + 1)[gain_samples],
         gain_samples=gain_samples.astype(np.float64),
         board=None if board is None else board[at],
-        board_difference=_largest_difference(board, run.whole, drawn),
+        board_difference=_largest_difference(board, whole, drawn),
         connection=connection,
         velocity=velocity,
         velocity_spread=velocity_spread,
@@ -186,9 +185,8 @@ def _largest_difference(board: Array | None, run: FilterResult | None, drawn: Dr
     """Largest |board − x| in the window; NaN where the board has sent nothing there."""
     if board is None or run is None:
         return math.nan
-    difference = np.abs(board[drawn.first : drawn.last] - run.x[drawn.first : drawn.last])
-    finite = difference[np.isfinite(difference)]
-    return float(finite.max()) if len(finite) else math.nan
+    window = slice(drawn.first, drawn.last)
+    return float(np.fmax.reduce(np.abs(board[window] - run.x[window]), initial=np.nan))
 
 
 def samples_to_settle(gain: Callable[[int], Array], n: int, settled_gain: float) -> int:
@@ -213,6 +211,5 @@ def gain_axis(start_up: int, n: int) -> NDArray[np.intp]:
     """Sample numbers for the gain chart: twice the start-up, rounded to 1, 2, 5 × 10^k for a steady axis."""
     wanted = max(20, 2 * start_up)
     decade = 10 ** math.floor(math.log10(wanted))
-    count = next(step * decade for step in (1, 2, 5, 10) if step * decade >= wanted)
-    count = min(count, n)
+    count = min(n, next(step * decade for step in (1, 2, 5, 10) if step * decade >= wanted))
     return np.unique(np.asarray(np.linspace(0, count - 1, min(count, GAIN_POINTS)), dtype=np.intp))

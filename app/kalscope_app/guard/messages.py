@@ -1,11 +1,12 @@
 """What a connected browser may send, and how much: every message is checked before viser sees it."""
+# viser leaves the type arguments of its coroutines open.
+# pyright: reportUnknownMemberType=false
 
 from __future__ import annotations
 
 import asyncio
 import functools
 import logging
-import math
 import sys
 import time
 from collections.abc import Callable, Sequence
@@ -15,12 +16,10 @@ import msgspec
 import viser
 from viser import _messages as messages
 
-from kalscope_app.guard.viser_private import Channel, connections_of, on_clients, socket_of
+from kalscope_app.guard.viser_private import Channel, connection_of, socket_of
 
 if TYPE_CHECKING:
-    from viser.infra import WebsockClientConnection
-
-    from kalscope_app.guard.viser_private import Dispatch
+    from viser.infra import Message, WebsockClientConnection
 
 
 # What a client's message may contain, as pure functions: viser stores the content unchecked.
@@ -32,8 +31,8 @@ MAX_NAME = 1_000
 """Characters in any other text, such as the name of an uploaded file; file systems stop at 255."""
 MAX_ITEMS = 16
 """Numbers in a vector; an orientation has 4."""
-MAX_INTEGER = 2**53
-"""The largest whole number of JavaScript."""
+MAX_NUMBER = 2**53
+"""The largest number in other messages than of a value: the largest whole number of JavaScript."""
 MAX_SCREEN = 100_000
 """Width and height of a browser's canvas, px."""
 
@@ -86,21 +85,6 @@ def _fitting_number(value: object, low: float | None, high: float | None) -> flo
 
 # --- the fields of whole messages -------------------------------------------------------------------------
 
-BROWSER_MESSAGES = (
-    messages.GuiUpdateMessage,
-    messages.GuiFormSubmitMessage,
-    messages.GuiFormDirtyMessage,
-    messages.GuiButtonHoldMessage,
-    messages.CommandTriggerMessage,
-    messages.FileTransferStartUpload,
-    messages.FileTransferPart,
-    messages.ViewerCameraMessage,
-    messages.SceneNodeClickMessage,
-    messages.SceneNodeDragMessage,
-    messages.ScenePointerMessage,
-)
-"""The messages that a browser sends to a dashboard like ours."""
-
 
 def check_fields(message: object) -> None:
     """Check that each field of a message has the type that viser declares, and a plausible size.
@@ -111,28 +95,24 @@ def check_fields(message: object) -> None:
         Misbehaviour: a field is not what it must be.
     """
     kind = type(message)
-    if kind not in BROWSER_MESSAGES:
-        return
     try:
         msgspec.convert(vars(message), kind, builtin_types=(bytes,))
     except (msgspec.ValidationError, OverflowError) as error:
         raise Misbehaviour(f"an invalid {kind.__name__}: {error}") from None
     for name, value in vars(message).items():
-        limit = MAX_SCREEN if name in ("image_width", "image_height") else MAX_INTEGER
+        limit = MAX_SCREEN if name in ("image_width", "image_height") else MAX_NUMBER
         if not _is_possible(value, limit):
             raise Misbehaviour(f"{kind.__name__} with an invalid {name}")
 
 
-def _is_possible(value: object, max_integer: int) -> bool:
+def _is_possible(value: object, most: int) -> bool:
     if isinstance(value, str):
         return len(value) <= MAX_NAME
-    if isinstance(value, float):
-        return math.isfinite(value)
-    if isinstance(value, int):
-        return abs(value) <= max_integer
+    if isinstance(value, int | float):
+        return abs(value) <= most  # false for NaN
     if isinstance(value, tuple):
         items = cast("tuple[object, ...]", value)
-        return len(items) <= MAX_ITEMS and all(_is_possible(item, max_integer) for item in items)
+        return len(items) <= MAX_ITEMS and all(_is_possible(item, most) for item in items)
     return True
 
 
@@ -150,10 +130,6 @@ MIN_PART_BYTES = 1024
 """A browser cuts an upload into parts of 512 KiB; one that announces parts smaller than this is refused."""
 
 
-MAX_UPLOADS = 2
-"""Unfinished uploads at a time, of different clients."""
-
-
 def upload_refusal(size_bytes: int, part_count: int, max_bytes: int) -> str | None:
     """Why an announced upload of this many bytes and parts cannot be taken, or None if it can."""
     if size_bytes > max_bytes:
@@ -166,30 +142,31 @@ def upload_refusal(size_bytes: int, part_count: int, max_bytes: int) -> str | No
 
 
 class UploadLimits:
-    """Refuses uploads that are too large or belong to another client. Runs on the event loop."""
+    """Takes one upload at a time, within its announced size. Runs on the event loop."""
 
-    def __init__(self, shared: Channel, max_bytes: int, on_refused: Callable[[str], None] | None) -> None:
+    def __init__(self, max_bytes: int, on_refused: Callable[[str], None] | None) -> None:
         self._max_bytes, self._on_refused = max_bytes, on_refused
-        self.channels = {-1: shared}
-        """The panels to which files may be uploaded: the shared ones, then by client id from 0."""
-        self._last_part: dict[str, float] = {}
+        self.clients: dict[int, Channel] = {}
+        """The panels of each client."""
+        self._uploads: dict[str, Any] = {}
+        self._name, self._last_part = "", 0.0  # of the newest upload, which is in `_uploads` until it has ended
 
     def checked_start(
         self, channel: Channel, client_id: int, message: messages.FileTransferStartUpload
     ) -> messages.FileTransferStartUpload | None:
         """The announcement of an upload, if there is room for it."""
         name = message.transfer_uuid
-        if name in channel.uploads or not _is_upload_button(channel, message.source_component_uuid):
+        if name in channel.uploads or not channel.is_upload_button(message.source_component_uuid):
             return None
-        self._drop_stalled()
+        if time.monotonic() - self._last_part > STALLED_S:  # it cannot block the others for ever
+            self._uploads.pop(self._name, None)
         reason = upload_refusal(message.size_bytes, message.part_count, self._max_bytes)
-        owners = [one["client_id"] for channel in self.channels.values() for one in channel.uploads.values()]
-        if reason is None and (client_id in owners or len(owners) >= MAX_UPLOADS):
-            reason = "Other uploads are still under way. Try again when they have ended."
+        if reason is None and self._name in self._uploads:
+            reason = "Another upload is still under way. Try again when it has ended."
         if reason is not None:
             self._refuse(client_id, message, reason)
             return None
-        self._last_part[name] = time.monotonic()
+        self._uploads, self._name, self._last_part = channel.uploads, name, time.monotonic()
         return message
 
     def checked_part(
@@ -204,40 +181,26 @@ class UploadLimits:
         upload = channel.uploads.get(name)
         if upload is None or upload["client_id"] != client_id:
             return None
-        if not _is_upload_button(channel, message.source_component_uuid):
+        if not channel.is_upload_button(message.source_component_uuid):
             del channel.uploads[name]
             return None
         if upload["transferred_bytes"] + len(message.content) > upload["total_bytes"]:
             del channel.uploads[name]
             self._refuse(client_id, message, "This upload has more bytes than it announced.")
             raise Misbehaviour("an upload with more bytes than announced")
-        self._last_part[name] = time.monotonic()
+        self._last_part = time.monotonic()
         return message
-
-    def _drop_stalled(self) -> None:
-        """No client can block the others by announcing a file and never sending it."""
-        now = time.monotonic()
-        for channel in self.channels.values():
-            for name in [name for name in channel.uploads if now - self._last_part.get(name, now) > STALLED_S]:
-                del channel.uploads[name]
-        under_way = {name for channel in self.channels.values() for name in channel.uploads}
-        self._last_part = {name: when for name, when in self._last_part.items() if name in under_way}
 
     def _refuse(
         self, client_id: int, message: messages.FileTransferStartUpload | messages.FileTransferPart, reason: str
     ) -> None:
         """Free the sender's upload button, which waits for an acknowledgement, and say why."""
-        channel = self.channels.get(client_id)
-        if channel is not None:
-            channel.send(messages.FileTransferPartAck(message.source_component_uuid, message.transfer_uuid, 0, 0))
-            # The browser's own notice would now claim success.
-            channel.send(messages.RemoveNotificationMessage(f"upload-{message.transfer_uuid}"))
+        send = self.clients[client_id].send
+        send(messages.FileTransferPartAck(message.source_component_uuid, message.transfer_uuid, 0, 0))
+        # The browser's own notice would now claim success.
+        send(messages.RemoveNotificationMessage(f"upload-{message.transfer_uuid}"))
         if self._on_refused is not None:
             self._on_refused(reason)
-
-
-def _is_upload_button(channel: Channel, uuid: str | None) -> bool:
-    return isinstance(channel.widget(uuid), viser.GuiUploadButtonHandle)
 
 
 # What a connected browser may send: every message is checked before viser handles it.
@@ -309,12 +272,17 @@ class MessageFilter:
         self, server: viser.ViserServer, max_upload_bytes: int, on_refused: Callable[[str], None] | None
     ) -> None:
         self._server, self._socket = server, socket_of(server)
-        self._connections = connections_of(self._socket)
         self._shared = Channel(self._socket)
-        self._uploads = UploadLimits(self._shared, max_upload_bytes, on_refused)
         self._sync = WidgetSync(self._shared)
         self._rates: dict[int, RateLimit] = {}
         self._closing: dict[int, asyncio.Task[None]] = {}
+        uploads = UploadLimits(max_upload_bytes, on_refused)
+        self._clients = uploads.clients
+        self._checks: dict[type[Message], Callable[[Channel, int, Any], Message | None]] = {
+            messages.GuiUpdateMessage: self._checked_update,
+            messages.FileTransferStartUpload: uploads.checked_start,
+            messages.FileTransferPart: uploads.checked_part,
+        }
 
     def install(self) -> None:
         """Filter all messages from now on.
@@ -324,48 +292,53 @@ class MessageFilter:
                 In the hook of a new client, the same errors close that client's connection.
         """
         for kind in (messages.ShareUrlRequest, messages.ShareUrlDisconnect):
-            self._shared.ignore(kind)
+            del self._shared.handlers[kind]
         self._server.request_share_url = lambda verbose=True: None  # noqa: ARG005
         self._filter(self._shared)
-        on_clients(self._socket, self._on_connect, self._on_disconnect)
+        self._socket.on_client_connect(self._on_connect)
+        self._socket.on_client_disconnect(self._on_disconnect)
 
     def _on_connect(self, connection: WebsockClientConnection) -> None:
         channel = Channel(connection)
         self._rates[connection.client_id] = RateLimit(time.monotonic())
-        self._uploads.channels[connection.client_id] = channel
+        self._clients[connection.client_id] = channel
         self._filter(channel)
 
     def _on_disconnect(self, connection: WebsockClientConnection) -> None:
-        for known in (self._rates, self._closing, self._uploads.channels):
+        # viser does not do this for a client that never sent its camera; its bytes would count until they stall.
+        for channel in (self._shared, self._clients.pop(connection.client_id, self._shared)):
+            channel.drop_uploads(connection.client_id)
+        for known in (self._rates, self._closing):
             known.pop(connection.client_id, None)
-        # viser does not do this for a client that never sent its camera; its bytes would count forever.
-        self._shared.drop_uploads(connection.client_id)
 
     def _filter(self, channel: Channel) -> None:
+        # It marks a form's title, and ours have none; viser would keep one for each name that a client makes up.
+        del channel.handlers[messages.GuiFormDirtyMessage]
+        if missing := self._checks.keys() - channel.handlers.keys():
+            raise LookupError(f"viser does not handle {missing}")
         channel.intercept(functools.partial(self._dispatch, channel))
-        channel.filter(messages.GuiUpdateMessage, functools.partial(self._checked_update, channel))
-        channel.filter(messages.GuiFormDirtyMessage, functools.partial(_checked_form, channel))
-        channel.filter(messages.FileTransferStartUpload, functools.partial(self._uploads.checked_start, channel))
-        channel.filter(messages.FileTransferPart, functools.partial(self._uploads.checked_part, channel))
 
-    async def _dispatch(self, channel: Channel, stock: Dispatch, client_id: int, message: Any) -> None:
+    async def _dispatch(self, channel: Channel, client_id: int, message: Message) -> None:
         """Check one message; viser dispatches each twice, for the shared panels and for those of the client."""
         if client_id in self._closing or client_id not in self._rates:
             return
+        checked: Message | None = message
         try:
             if channel is self._shared and not self._rates[client_id].allows(time.monotonic()):
                 raise Misbehaviour("more messages than a user can cause")
+            if type(message) not in channel.handlers:
+                return
             check_fields(message)
-            await stock(client_id, message)
+            if check := self._checks.get(type(message)):
+                checked = check(channel, client_id, message)
         except Misbehaviour as error:
             self._disconnect(client_id, str(error))
-        except Exception as error:
-            if isinstance(message, BROWSER_MESSAGES):
-                raise  # the message was valid, so this is a bug in Kalscope
-            self._disconnect(client_id, f"{type(message).__name__} that viser could not handle ({error!r})")
+            return
+        if checked is not None:
+            await channel.handle(client_id, checked)
 
     def _disconnect(self, client_id: int, reason: str) -> None:
-        connection = self._connections.get(client_id)
+        connection = connection_of(self._socket, client_id)
         if connection is not None and client_id not in self._closing:
             _log.info("client %d is disconnected: %s", client_id, reason)
             closing = connection.close(1008, "Kalscope cannot use what was sent")
@@ -383,13 +356,4 @@ class MessageFilter:
         is_text = isinstance(widget, viser.GuiTextHandle)  # `text_boxes.js` shows the value sent back
         if channel is self._shared and (is_text or (value is not None and len(self._rates) > 1)):
             self._sync.changed(message.uuid)
-        if value is None:
-            return None
-        return messages.GuiUpdateMessage(message.uuid, {"value": value})
-
-
-def _checked_form(
-    channel: Channel, _client_id: int, message: messages.GuiFormDirtyMessage
-) -> messages.GuiFormDirtyMessage | None:
-    """Only for a form that exists: viser would keep a message for each name that a client makes up."""
-    return message if channel.is_form(message.uuid) else None
+        return None if value is None else messages.GuiUpdateMessage(message.uuid, {"value": value})

@@ -11,12 +11,10 @@ import html
 import http
 import ipaddress
 import logging
-import math
 import os
 import re
 import secrets
 import stat
-import time
 from collections.abc import Callable, Generator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
@@ -221,47 +219,32 @@ MAX_UNKNOWN = 64
 BURST = 8
 """Connections that the event loop accepts before it counts them."""
 
-REPEAT_S = 60.0
-"""Seconds for which the warning is not repeated."""
+
+def counted_connections(unknown: dict[ServerConnection, None]) -> type[ServerConnection]:
+    """For `create_connection` of websockets: each connection is in `unknown` until a request on it is allowed."""
+
+    class Counted(ServerConnection):
+        def connection_made(self, transport: asyncio.BaseTransport) -> None:
+            super().connection_made(transport)
+            unknown[self] = None
+            if len(unknown) > MAX_UNKNOWN:
+                oldest = next(iter(unknown))
+                del unknown[oldest]
+                oldest.transport.abort()
+                _warn_of_flood()
+
+        def connection_lost(self, exc: Exception | None) -> None:
+            unknown.pop(self, None)
+            super().connection_lost(exc)
+
+    return Counted
 
 
-class OpenConnections:
-    """Counts connections from their start until a request on them is allowed."""
-
-    def __init__(self) -> None:
-        self._unknown: dict[ServerConnection, None] = {}
-        self._warned = -math.inf
-        counted = self
-
-        class Counted(ServerConnection):
-            def connection_made(self, transport: asyncio.BaseTransport) -> None:
-                super().connection_made(transport)
-                counted._add(self)
-
-            def connection_lost(self, exc: Exception | None) -> None:
-                counted.allow(self)
-                super().connection_lost(exc)
-
-        self.connection_type = Counted
-        """For `create_connection` of websockets."""
-
-    def allow(self, connection: ServerConnection) -> None:
-        """A valid request came on it, or it has ended: no longer count it."""
-        self._unknown.pop(connection, None)
-
-    def _add(self, connection: ServerConnection) -> None:
-        self._unknown[connection] = None
-        if len(self._unknown) <= MAX_UNKNOWN:
-            return
-        oldest = next(iter(self._unknown))
-        self.allow(oldest)
-        oldest.transport.abort()
-        if (now := time.monotonic()) - self._warned >= REPEAT_S:
-            self._warned = now
-            _log.warning(
-                "too many open connections without a valid request: of more than %d the oldest is closed",
-                MAX_UNKNOWN,
-            )
+@cache  # once
+def _warn_of_flood() -> None:
+    _log.warning(
+        "too many open connections: of more than %d without a valid request the oldest is closed", MAX_UNKNOWN
+    )
 
 
 # The secret of the link on disk: kept over a restart and passed to the browser, readable by this user only.
@@ -320,14 +303,10 @@ def opening_page(url: str) -> Generator[Path]:
 def _check_folder(folder: Path) -> None:
     """Refuse a folder in which another user could replace the file."""
     found = folder.lstat()
-    if stat.S_ISLNK(found.st_mode):
-        raise OSError(f"{str(folder)!r} must be a folder, not a link")
-    if not stat.S_ISDIR(found.st_mode):
-        raise OSError(f"{str(folder)!r} must be a folder, not a file")
-    if _IS_POSIX and found.st_uid != os.geteuid():
-        raise OSError(f"{str(folder)!r} must belong to you")
-    if _IS_POSIX and found.st_mode & 0o022:
-        raise OSError(f"{str(folder)!r} must not be writable by others (got mode {found.st_mode & 0o777:o})")
+    others = _IS_POSIX and (found.st_uid != os.geteuid() or found.st_mode & 0o022)
+    if others or not stat.S_ISDIR(found.st_mode):  # a link is none either
+        must = "must be a folder of yours, no link, that no other user can write to"
+        raise OSError(f"{str(folder)!r} {must} (got {stat.filemode(found.st_mode)} of user {found.st_uid})")
 
 
 def _read_private(file: Path) -> str | None:
@@ -350,8 +329,6 @@ def _read_private(file: Path) -> str | None:
 
 OPEN_THE_LINK = "Open the link printed in the terminal"
 
-_GO_ON = "location.replace(document.querySelector('a').href)"
-
 _KEEP_ADDRESS = (
     "{ const replace = history.replaceState; history.replaceState = (state) => replace.call(history, state, ''); }"
 )
@@ -359,7 +336,7 @@ _KEEP_ADDRESS = (
 
 _PAGE = """<!doctype html>
 <html lang="en"><head><meta charset="utf-8">
-<meta name="viewport" content="width=device-width, initial-scale=1"><link rel="icon" href="data:,">
+<meta name="viewport" content="width=device-width, initial-scale=1"><link rel="icon" href="data:,">{head}
 <title>{title}</title><style>
 :root {{ color-scheme: light dark }} code {{ overflow-wrap: anywhere }} a {{ color: inherit }}
 body {{ max-width: 32rem; margin: 15vh auto; padding: 0 1rem; background: Canvas;
@@ -371,6 +348,7 @@ body {{ max-width: 32rem; margin: 15vh auto; padding: 0 1rem; background: Canvas
 def refusal_page(policy: Policy, refusal: Refuse) -> str:
     """The page of a refusal: what to do first, then why."""
     return _PAGE.format(
+        head="",
         title=OPEN_THE_LINK,
         body=f"<p>{html.escape(refusal.reason)}</p><p>When Kalscope starts it prints a line like "
         f"<br><code>Kalscope: http://127.0.0.1:{policy.port}/?token=…</code><br>"
@@ -378,32 +356,14 @@ def refusal_page(policy: Policy, refusal: Refuse) -> str:
     )
 
 
-def link_page(home: str = "/") -> str:
+def link_page(home: str) -> str:
     """The page behind the printed link; `home` is the path of the dashboard.
 
-    It redirects by script: a browser that follows another site's link to us would not send a Strict cookie
-    along a redirect.
+    No redirect: a browser that follows another site's link to us would not send a Strict cookie along.
     """
-    body = f'<p><a href="{home}">Go on to the dashboard</a></p><script>{_GO_ON}</script>'
-    return _PAGE.format(title="Opening Kalscope…", body=body)
-
-
-def dashboard_page(stock: str, script: str = "") -> str:
-    """The page of viser, with our name and the scripts that must run before its own.
-
-    Args:
-        stock: viser's own page.
-        script: JavaScript of the dashboard that must run before viser's.
-
-    Raises:
-        ValueError: the page is not as expected.
-    """
-    head, title = "<head>", "<title>Viser</title>"
-    if stock.count(head) != 1 or stock.count(title) != 1:
-        raise ValueError("viser's page has another head")
-    return stock.replace(title, "<title>Kalscope</title>").replace(
-        head, f"{head}<script>{_KEEP_ADDRESS}{script}</script>"
-    )
+    head = f'<meta http-equiv="refresh" content="0; url={home}">'
+    body = f'<p><a href="{home}">Go on to the dashboard</a></p>'
+    return _PAGE.format(head=head, title="Opening Kalscope…", body=body)
 
 
 def inline_script_hashes(page: str) -> tuple[str, ...]:
@@ -414,24 +374,16 @@ def inline_script_hashes(page: str) -> tuple[str, ...]:
 
 
 _NO_FRAMES = "base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
-
-
-def page_headers(csp: str) -> dict[str, str]:
-    """The security headers of every answer that is not a websocket."""
-    return {
-        "Content-Security-Policy": csp,
-        "X-Content-Type-Options": "nosniff",
-        "Referrer-Policy": "no-referrer",
-        "Cache-Control": "no-store",
-        "Cross-Origin-Resource-Policy": "same-origin",
-        "Cross-Origin-Opener-Policy": "same-origin",
-    }
-
-
-def small_page_csp() -> str:
-    """The content policy of our own two small pages."""
-    scripts = " ".join(inline_script_hashes(link_page()))
-    return f"default-src 'none'; style-src 'unsafe-inline'; img-src data:; script-src {scripts}; {_NO_FRAMES}"
+SMALL_PAGE_CSP = f"default-src 'none'; style-src 'unsafe-inline'; img-src data:; {_NO_FRAMES}"
+"""The content policy of our own two small pages."""
+SECURITY_HEADERS = {
+    "X-Content-Type-Options": "nosniff",
+    "Referrer-Policy": "no-referrer",
+    "Cache-Control": "no-store",
+    "Cross-Origin-Resource-Policy": "same-origin",
+    "Cross-Origin-Opener-Policy": "same-origin",
+}
+"""The headers, beside the content policy, of every answer that is not a websocket."""
 
 
 def dashboard_csp(script_hashes: tuple[str, ...], own_origin: str | None = None) -> str:
@@ -458,15 +410,18 @@ def dashboard_csp(script_hashes: tuple[str, ...], own_origin: str | None = None)
 MAX_CLIENTS = 32
 """Browsers at a time; the next one is refused with a message."""
 
+_HTML = {"Content-Type": "text/html; charset=utf-8"}
+
 
 class RequestFilter:
     """Answers each request instead of viser, or lets viser answer."""
 
     def __init__(self, policy: Policy, page_script: str = "") -> None:
-        self._page, self._packed, self._script_hashes = served_page(page_script)
+        self._page, self._script_hashes = served_page(page_script)
         self._policy = policy
         self._clients = 0
-        self.connections = OpenConnections()
+        self._unknown: dict[ServerConnection, None] = {}
+        self.connection_type = counted_connections(self._unknown)
         self.is_open = False
         """Pages are served at once, sockets after the self-test: an old tab may already be reconnecting."""
         self.ready = asyncio.Event()
@@ -482,7 +437,7 @@ class RequestFilter:
             if answer is None and is_upgrade(request) and not self.is_open:
                 answer = Refuse(503, "Kalscope is still starting.")
             if answer is None:
-                self.connections.allow(connection)
+                self._unknown.pop(connection, None)
                 return self._own_page(request) or viser_answer(connection, request)
         except Exception:
             # A check that fails must neither let the request pass nor stop the server (CVE-2026-14631).
@@ -498,10 +453,8 @@ class RequestFilter:
         """The page of viser with our script; None for all else."""
         if request.path.partition("?")[0] != "/" or is_upgrade(request):
             return None
-        headers, body = {"Content-Type": "text/html; charset=utf-8"}, self._page
-        if any("gzip" in value for value in request.headers.get_all("Accept-Encoding")):
-            headers, body = headers | {"Content-Encoding": "gzip"}, self._packed
-        return Response(200, "OK", Headers(headers | {"Content-Length": str(len(body))}), body)
+        headers = {**_HTML, "Content-Encoding": "gzip", "Content-Length": str(len(self._page))}
+        return Response(200, "OK", Headers(headers), self._page)
 
     def admit(self, handler: Callable[..., Any]) -> Callable[..., Any]:
         """The handler of viser's websockets, for MAX_CLIENTS at a time."""
@@ -528,27 +481,30 @@ class RequestFilter:
             hosts = request.headers.get_all("Host")
             known = len(hosts) == 1 and host_allowed(self._policy, hosts[0])
             csp = dashboard_csp(self._script_hashes, self._policy.origin_of(hosts[0]) if known else None)
-            for name, value in page_headers(csp).items():
-                if name not in response.headers:
-                    response.headers[name] = value
+            response.headers.update(SECURITY_HEADERS)
+            if "Content-Security-Policy" not in response.headers:
+                response.headers["Content-Security-Policy"] = csp
         return response
 
 
 @cache
-def served_page(page_script: str) -> tuple[bytes, bytes, tuple[str, ...]]:
-    """The page of viser with our script, plain and packed, and the CSP sources of its scripts.
+def served_page(page_script: str) -> tuple[bytes, tuple[str, ...]]:
+    """The page of viser with our script, packed by gzip, and the CSP sources of its scripts.
 
     Raises:
         ValueError: viser's page is not as expected.
     """
-    stock = Path(viser.__file__).parent / "client" / "build" / "index.html"
-    page = dashboard_page(stock.read_text("utf-8"), page_script)
-    plain = page.encode()
-    return plain, gzip.compress(plain, 1), inline_script_hashes(page)
+    page = (Path(viser.__file__).parent / "client" / "build" / "index.html").read_text("utf-8")
+    start = f"<head><script>{_KEEP_ADDRESS}{page_script}</script>"
+    for stock, own in (("<head>", start), ("<title>Viser</title>", "<title>Kalscope</title>")):
+        if page.count(stock) != 1:
+            raise ValueError(f"viser's page must have one {stock}")
+        page = page.replace(stock, own)
+    return gzip.compress(page.encode(), 1), inline_script_hashes(page)
 
 
 def _small_page(status: int, page: str, extra_headers: dict[str, str] | None = None) -> Response:
     body = page.encode()
-    headers = page_headers(small_page_csp()) | (extra_headers or {})
-    headers |= {"Content-Type": "text/html; charset=utf-8", "Content-Length": str(len(body))}
+    headers = {**_HTML, "Content-Security-Policy": SMALL_PAGE_CSP, "Content-Length": str(len(body))}
+    headers |= extra_headers or {}
     return Response(status, http.HTTPStatus(status).phrase, Headers(headers), body)

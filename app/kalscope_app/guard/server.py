@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import errno
 import functools
 import http.client
 import ipaddress
@@ -52,74 +51,50 @@ class GuardFailed(KalscopeError, RuntimeError):
     """The server would not be safe, so it was stopped: viser is not as expected, or Kalscope has a bug."""
 
 
-@dataclass(frozen=True)
-class Attempt:
-    """One request of the self-test."""
-
-    what: str
-    """Who asks for what, in words."""
-    expected_status: int
-    """The only HTTP status that passes."""
-    target: str
-    """Path and query."""
-    headers: tuple[tuple[str, str], ...]
-    """All request headers, in this order."""
-
-
-def self_test_attempts(policy: Policy) -> tuple[Attempt, ...]:
-    """The attacks that stock viser lets through, and what the user does."""
-    own, home = f"127.0.0.1:{policy.port}", policy.home
-    cookie = ("Cookie", f"{policy.cookie_name}={policy.token}")
-
-    def page(what: str, status: int, target: str, host: str, *others: tuple[str, str]) -> Attempt:
-        return Attempt(what, status, target, (("Host", host), *others))
-
-    def socket(what: str, status: int, *others: tuple[str, str]) -> Attempt:
-        return page(what, status, home, own, *_UPGRADE, *others)
-
-    return (
-        page("a page without the cookie (H1)", 403, home, own),
-        page("a page under a foreign name (H2)", 403, home, FOREIGN, cookie),
-        page("a page told to connect elsewhere (H9)", 403, f"/?websocket=ws://{FOREIGN}", own, cookie),
-        page("a file outside the page's folder (H11)", 404, "/%2e%2e/%2e%2e/_viser.py", own, cookie),
-        page("the user's own page (H8)", 200, home, own, cookie),
-        socket("a socket of no page (W1)", 403, cookie),
-        socket("a socket of a foreign page (W3)", 403, cookie, ("Origin", f"http://{FOREIGN}")),
-        socket("a socket without the cookie (W8)", 403, ("Origin", f"http://{own}")),
-        socket("the user's own socket, too early (W9)", 503, cookie, ("Origin", f"http://{own}")),
-    )
-
-
 def run_self_test(policy: Policy, address: str) -> None:
-    """Send each request to the server at this address.
+    """Send the attacks that stock viser lets through, and what the user does, to the server at this address.
 
     Raises:
         GuardFailed: an answer is not as expected, or lacks a security header.
     """
-    for attempt in self_test_attempts(policy):
-        status, headers = _answer_to(address, policy.port, attempt)
-        expected = attempt.expected_status
+    own, home = f"127.0.0.1:{policy.port}", policy.home
+    host, cookie = ("Host", own), ("Cookie", f"{policy.cookie_name}={policy.token}")
+    upgrade, origin = (host, *_UPGRADE), ("Origin", f"http://{own}")
+    foreign_origin = ("Origin", f"http://{FOREIGN}")
+    attempts = (
+        ("a page without the cookie (H1)", 403, home, (host,)),
+        ("a page under a foreign name (H2)", 403, home, (("Host", FOREIGN), cookie)),
+        ("a page told to connect elsewhere (H9)", 403, f"/?websocket=ws://{FOREIGN}", (host, cookie)),
+        ("a file outside the page's folder (H11)", 404, "/%2e%2e/%2e%2e/_viser.py", (host, cookie)),
+        ("the user's own page (H8)", 200, home, (host, cookie)),
+        ("a socket of no page (W1)", 403, home, (*upgrade, cookie)),
+        ("a socket of a foreign page (W3)", 403, home, (*upgrade, cookie, foreign_origin)),
+        ("a socket without the cookie (W8)", 403, home, (*upgrade, origin)),
+        ("the user's own socket, too early (W9)", 503, home, (*upgrade, cookie, origin)),
+    )
+    for what, expected, target, headers in attempts:
+        status, answered = _answer_to(address, policy.port, target, headers)
         if status != expected:
-            raise GuardFailed(f"the guard's self-test failed: {attempt.what} was answered {status}, not {expected}")
-        missing = next((name for name in pages.page_headers("") if name not in headers), None)
-        if missing is not None:
-            raise GuardFailed(f"the guard's self-test failed: {attempt.what} was answered without {missing}")
+            raise GuardFailed(f"the guard's self-test failed: {what} was answered {status}, not {expected}")
+        for name in ("Content-Security-Policy", *pages.SECURITY_HEADERS):
+            if name not in answered:
+                raise GuardFailed(f"the guard's self-test failed: {what} was answered without {name}")
 
 
-def _answer_to(address: str, port: int, attempt: Attempt) -> tuple[int, http.client.HTTPMessage]:
-    connection = http.client.HTTPConnection(address, port, timeout=TIMEOUT_S)
+def _answer_to(
+    address: str, port: int, target: str, headers: tuple[tuple[str, str], ...]
+) -> tuple[int, http.client.HTTPMessage]:
     try:
-        connection.putrequest("GET", attempt.target, skip_host=True, skip_accept_encoding=True)
-        for name, value in attempt.headers:
-            connection.putheader(name, value)
-        connection.endheaders()
-        answer = connection.getresponse()
-        answer.read()
-        return answer.status, answer.headers
+        with contextlib.closing(http.client.HTTPConnection(address, port, timeout=TIMEOUT_S)) as connection:
+            connection.putrequest("GET", target, skip_host=True, skip_accept_encoding=True)
+            for name, value in headers:
+                connection.putheader(name, value)
+            connection.endheaders()
+            answer = connection.getresponse()
+            answer.read()
+            return answer.status, answer.headers
     except (OSError, http.client.HTTPException) as error:
         raise GuardFailed(f"the guard's self-test got no answer: {error!r}") from error
-    finally:
-        connection.close()
 
 
 # A viser server that answers only to the holder of the printed link.
@@ -239,17 +214,11 @@ def _listen(host: str, port: int) -> socket.socket:
         family, *_, where = min(found, key=lambda info: info[0] != socket.AF_INET)
         return socket.create_server(where, family=family)  # pyright: ignore[reportArgumentType]
     except (OSError, ValueError) as error:  # ValueError: a name with a zero byte, or too long for IDNA
-        raise BadSetting(_why_not_listening(host, port, error)) from error
-
-
-def _why_not_listening(host: str, port: int, error: Exception) -> str:
-    number = error.errno if isinstance(error, OSError) else None
-    if number == errno.EADDRINUSE:
-        return f"port {port} is in use by another program: choose another with --port, or --port 0 for any free one"
-    if number == errno.EACCES:
-        return f"port {port} needs administrator rights: choose one from 1024 up with --port, or --port 0"
-    reason = (error.strerror if isinstance(error, OSError) else None) or str(error)
-    return f"host {host!r} cannot be used on this machine: {reason}"
+        reason = (error.strerror if isinstance(error, OSError) else None) or str(error)
+        reason = reason.partition(" (while")[0]  # what follows repeats the address
+        raise BadSetting(
+            f"host {host!r} with port {port} cannot be used on this machine: {reason}; --port 0 takes any free port"
+        ) from error
 
 
 def _link_host(host: str, address: str, names: tuple[str, ...]) -> str:
@@ -290,7 +259,7 @@ def _serving_behind(requests: RequestFilter, listener: socket.socket) -> context
             "process_request": functools.partial(requests.answer, process_request),
             "process_response": requests.harden,
             "max_size": MAX_FRAME_BYTES,
-            "create_connection": requests.connections.connection_type,
+            "create_connection": requests.connection_type,
             "backlog": BURST,
         }
         requests.installed = True

@@ -9,11 +9,10 @@ lacks is an AttributeError or a LookupError when the guard is installed, before 
 
 from __future__ import annotations
 
-import functools
 import inspect
 from collections.abc import Callable, Coroutine, Generator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any, TypeVar, cast
+from typing import TYPE_CHECKING, Any, cast
 
 import viser
 from viser import _messages as messages
@@ -27,35 +26,34 @@ if TYPE_CHECKING:
     from viser.infra import Message, WebsockClientConnection, WebsockServer
     from websockets.asyncio.server import ServerConnection
 
-    ClientHook = Callable[[WebsockClientConnection], None]
-    Dispatch = Callable[[int, Any], Coroutine[Any, Any, None]]
+    Handle = Callable[[int, Message], Coroutine[Any, Any, None]]
 
 __all__ = ["messages"]  # the rest is defined here
-
-M = TypeVar("M", bound="Message")
 
 
 class Channel:
     """What comes in for one set of panels: the shared ones, or those of one client."""
 
     def __init__(self, handler: WebsockServer | WebsockClientConnection) -> None:
-        self._handler, self._handlers = handler, handler._incoming_handlers
-        (on_upload,) = self._handlers[messages.FileTransferStartUpload]
+        self._handler = handler
+        self.handlers: dict[type[Message], Any] = handler._incoming_handlers
+        (on_upload,) = self.handlers[messages.FileTransferStartUpload]
         gui = getattr(on_upload, "__self__", None)
         if not isinstance(gui, viser.GuiApi):
             raise TypeError(f"uploads are handled by {type(gui).__name__}")
         self._gui, self._widgets = gui, gui._gui_input_handle_from_uuid
-        self._containers = gui._container_handle_from_uuid
         self.uploads = gui._current_file_upload_states
         """The unfinished uploads, by their transfer_uuid."""
+        self.handle = cast("Handle", handler._handle_incoming_message)
+        """viser's own way of handling a message."""
 
-    def widget(self, uuid: str | None) -> _GuiInputHandle[Any] | None:
+    def widget(self, uuid: str) -> _GuiInputHandle[Any] | None:
         """The widget of this name, if there is one."""
-        return None if uuid is None else self._widgets.get(uuid)
+        return self._widgets.get(uuid)
 
-    def is_form(self, uuid: str) -> bool:
-        """Whether there is a form of this name."""
-        return isinstance(self._containers.get(uuid), viser.GuiFormHandle)
+    def is_upload_button(self, uuid: str | None) -> bool:
+        """Whether there is an upload button of this name."""
+        return isinstance(self._widgets.get(uuid or ""), viser.GuiUploadButtonHandle)
 
     def send(self, message: Message) -> None:
         """Send to the browsers that show these panels."""
@@ -65,27 +63,9 @@ class Channel:
         """Forget the unfinished uploads of a client."""
         self._gui._drop_uploads_from_client(ClientId(client_id))
 
-    def intercept(self, dispatch: Callable[[Dispatch, int, Any], Coroutine[Any, Any, None]]) -> None:
-        """Call `dispatch` for each message, with viser's own dispatch as the first argument."""
-        stock = cast("Dispatch", self._handler._handle_incoming_message)
-        setattr(self._handler, "_handle_incoming_message", functools.partial(dispatch, stock))  # noqa: B010
-
-    def filter(self, kind: type[M], passed: Callable[[int, M], M | None]) -> None:
-        """Let viser handle messages of this kind as `passed` returns them; it drops those that become None."""
-        (stock,) = self._handlers[kind]
-        handle = cast("Callable[[int, M], object]", stock)
-
-        async def filtered(client_id: int, message: M) -> None:
-            allowed = passed(client_id, message)
-            pending = None if allowed is None else handle(client_id, allowed)
-            if inspect.isawaitable(pending):
-                await pending
-
-        self._handlers[kind] = [cast("Any", filtered)]
-
-    def ignore(self, kind: type[Message]) -> None:
-        """Drop all messages of this kind."""
-        del self._handlers[kind]
+    def intercept(self, dispatch: Handle) -> None:
+        """Call `dispatch` for each message instead of `handle`."""
+        setattr(self._handler, "_handle_incoming_message", dispatch)  # noqa: B010
 
 
 def socket_of(server: viser.ViserServer) -> WebsockServer:
@@ -93,15 +73,9 @@ def socket_of(server: viser.ViserServer) -> WebsockServer:
     return server._websock_server
 
 
-def connections_of(socket: WebsockServer) -> dict[int, ServerConnection]:
-    """The open connections, by client id."""
-    return socket._live_connections
-
-
-def on_clients(socket: WebsockServer, connected: ClientHook, disconnected: ClientHook) -> None:
-    """Call these on the event loop whenever a browser connects or disconnects."""
-    socket.on_client_connect(connected)
-    socket.on_client_disconnect(disconnected)
+def connection_of(socket: WebsockServer, client_id: int) -> ServerConnection | None:
+    """The open connection of a client."""
+    return socket._live_connections.get(client_id)
 
 
 def thread_pool(server: viser.ViserServer) -> Executor:

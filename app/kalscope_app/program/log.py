@@ -14,7 +14,6 @@ import time
 from collections.abc import Callable, Generator
 from concurrent.futures import Executor
 from contextlib import contextmanager
-from dataclasses import dataclass, field
 from io import TextIOWrapper
 from pathlib import Path
 from typing import Any
@@ -45,7 +44,6 @@ class ErrorReporter:
         self._shown: dict[str, float] = {}
         self.is_ending = False
         """True during shutdown: errors are logged, not shown."""
-        self._lock = threading.Lock()
 
     def report(self, where: str, error: BaseException | None) -> None:
         """Log the error, and notify the user unless the same notification was just shown."""
@@ -62,12 +60,9 @@ class ErrorReporter:
                 _log.exception("The user could not be notified")
 
     def _is_new(self, sentence: str) -> bool:
-        now = time.monotonic()
-        with self._lock:
-            self._shown = {text: when for text, when in self._shown.items() if now - when < REPEAT_S}
-            is_new = sentence not in self._shown
-            self._shown[sentence] = now
-        return is_new
+        now, shown = time.monotonic(), self._shown
+        self._shown = {text: at for text, at in shown.items() if now - at < REPEAT_S} | {sentence: now}
+        return now - shown.get(sentence, -REPEAT_S) >= REPEAT_S
 
     def watch_server(self, loop: asyncio.AbstractEventLoop, callbacks: Executor) -> None:
         """Report what is raised in tasks of the event loop and in callbacks, which viser would only print."""
@@ -165,16 +160,6 @@ class _File(logging.handlers.RotatingFileHandler):
         return open(handle, "a", encoding="utf-8", errors="backslashreplace")
 
 
-@dataclass(frozen=True)
-class Log:
-    """The running log."""
-
-    file: Path | None
-    """The file that holds everything."""
-    hidden: list[str] = field(default_factory=list[str])
-    """Texts that are replaced by an ellipsis wherever they occur; add the token."""
-
-
 def _check_own(path: Path) -> None:
     """Refuse a file that is no log of Kalscope: it would be appended to, and removed once there are newer ones."""
     if path.is_file():
@@ -184,12 +169,15 @@ def _check_own(path: Path) -> None:
 
 
 @contextmanager
-def logging_to(file: Path | None = None, *, verbose: bool = False) -> Generator[Log]:
+def logging_to(file: Path | None = None, *, verbose: bool = False) -> Generator[list[str]]:
     """Log on standard error, and into `file`, while the block runs.
 
     Args:
         file: gets everything, with tracebacks; at most `(1 + OLD_FILES) * FILE_BYTES`; None for no file.
         verbose: the terminal shows what happens (who connects, what is refused), not only what went wrong.
+
+    Yields:
+        Texts that are replaced by an ellipsis wherever they occur; add the token.
 
     Raises:
         OSError: the file cannot be written.
@@ -198,8 +186,9 @@ def logging_to(file: Path | None = None, *, verbose: bool = False) -> Generator[
     if file is not None:
         for path in (file, *(Path(f"{file}.{number}") for number in range(1, OLD_FILES + 1))):
             _check_own(path)
-    log, on_terminal = Log(file), logging.StreamHandler(sys.stderr)
-    on_terminal.setFormatter(Lines("kalscope: %(message)s", log.hidden, with_traceback=verbose))
+    hidden: list[str] = []
+    on_terminal = logging.StreamHandler(sys.stderr)
+    on_terminal.setFormatter(Lines("kalscope: %(message)s", hidden, with_traceback=verbose))
     on_terminal.setLevel(logging.INFO if verbose else logging.WARNING)
     if not verbose:  # libraries report each broken request of a port scan as an error, with its traceback
         on_terminal.addFilter(lambda record: record.name.startswith("kalscope"))
@@ -207,7 +196,7 @@ def logging_to(file: Path | None = None, *, verbose: bool = False) -> Generator[
     if file is not None:
         in_file = _File(file, maxBytes=FILE_BYTES, backupCount=OLD_FILES)
         pattern = "%(asctime)s %(levelname)s %(name)s: %(message)s"
-        in_file.setFormatter(Lines(pattern, log.hidden, with_traceback=True))
+        in_file.setFormatter(Lines(pattern, hidden, with_traceback=True))
         handlers.append(in_file)
     root, level = logging.getLogger(), logging.getLogger().level
     for handler in handlers:
@@ -216,7 +205,7 @@ def logging_to(file: Path | None = None, *, verbose: bool = False) -> Generator[
     logging.captureWarnings(True)
     logging.raiseExceptions = False  # a full disk or a closed terminal must not become an error of its own
     try:
-        yield log
+        yield hidden
     finally:
         logging.captureWarnings(False)
         root.setLevel(level)

@@ -1,30 +1,21 @@
-"""What is kept between starts: the folders for it on each system, and the file of settings. No viser here."""
+"""What is kept between starts, and the folders for it on each system. No viser here."""
 
 from __future__ import annotations
 
 import hashlib
 import os
-import tomllib
 from contextlib import suppress
 from pathlib import Path
 
 import platformdirs
 
-from kalscope.common.files import write_atomic, write_private
+from kalscope.common.files import write_private
 from kalscope.errors import BadFile, BadSetting
 from kalscope.tuning.file import dumps, load_tuning
 from kalscope.tuning.tuning import Tuning
 
 FOLDER_VARIABLE = "KALSCOPE_CONFIG_DIR"
 """Environment variable that names one folder for settings and state, in place of the system's."""
-
-MAX_BYTES = 65_536
-"""Bytes of the file that are read, at most."""
-
-KNOWN = ("map_shown", "tour_seen")
-"""The settings that the file may hold; all others are dropped."""
-
-HEADER = "# Settings of Kalscope. This file may be deleted: the tour is then shown again.\n"
 
 
 def config_folder() -> Path:
@@ -45,47 +36,31 @@ def _folder(default: str) -> Path:
 
 
 class UserSettings:
-    """Reads and writes the file; one that cannot be read counts as empty."""
+    """What the user has switched on or seen, such as `tour_seen`: each is an empty file of that name."""
 
     def __init__(self, folder: Path | None = None) -> None:
-        """Args: its folder; None = the user's."""
+        """Args: where they are; None = the user's folder."""
         self._folder = folder
 
-    @property
-    def path(self) -> Path:
-        """The file."""
-        return (self._folder or config_folder()) / "settings.toml"
-
-    @property
-    def tour_seen(self) -> bool:
-        """Whether the user asked not to see the tour again."""
-        return self._read().get("tour_seen", False)
-
-    @property
-    def map_shown(self) -> bool:
-        """Whether the tuning map was open when it was last opened or closed."""
-        return self._read().get("map_shown", False)
+    def has(self, name: str) -> bool:
+        """Whether it is kept; False where the folder cannot be read."""
+        with suppress(OSError):
+            return ((self._folder or config_folder()) / name).is_file()
+        return False
 
     def keep(self, **values: bool) -> None:
-        """Write some of the settings above, by their names; the others stay.
+        """Keep those that are true, and no longer those that are false; the others stay.
 
         Raises:
-            OSError: the file cannot be written.
+            OSError: the folder cannot be written.
         """
-        kept = sorted({**self._read(), **values}.items())
-        lines = "".join(f"{name} = {str(value).lower()}\n" for name, value in kept)
-        self.path.parent.mkdir(parents=True, exist_ok=True)
-        write_atomic(self.path, f"{HEADER}{lines}".encode())
-
-    def _read(self) -> dict[str, bool]:
-        try:
-            if not self.path.is_file():  # a pipe or a device would be read forever
-                return {}
-            with self.path.open("rb") as file:
-                found = tomllib.loads(file.read(MAX_BYTES).decode())
-        except (OSError, ValueError, RecursionError):
-            return {}
-        return {name: value for name, value in found.items() if name in KNOWN and isinstance(value, bool)}
+        folder = self._folder or config_folder()
+        folder.mkdir(parents=True, exist_ok=True)
+        for name, value in values.items():
+            if value:
+                (folder / name).touch()
+            else:
+                (folder / name).unlink(missing_ok=True)
 
 
 # The filters of each file as they were left, kept between starts.

@@ -3,10 +3,16 @@
 from __future__ import annotations
 
 import math
+import os
+import re
+import shlex
+import subprocess
 from collections.abc import Callable, Collection
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from kalscope.analysis import actions
 from kalscope.analysis.channel_kinds import default_channel
@@ -18,22 +24,36 @@ from kalscope.filtering.classic import Chain
 from kalscope.filtering.params import MAX_MOMENTUM, FilterParams
 from kalscope.filtering.steady import steady_state
 from kalscope.recording import Recording
+from kalscope.sources.grammar.read_options import option, option_words
+from kalscope.sources.live.samples import Snapshot
+from kalscope.sources.live.source import LiveSource
 from kalscope.tuning.choose import name_of_fused
 from kalscope.tuning.file import loads
-from kalscope.tuning.tuning import ChannelTuning, Tuning
-from kalscope_app.session.opening import adapted, with_first_answer, with_sample_period
+from kalscope.tuning.tuning import ChannelTuning, Tuning, chain_text, typed_chain
+from kalscope_app.session.opening import (
+    MOST_CHANNELS,
+    adapted,
+    first_answer,
+    not_fitted,
+    opened,
+    with_first_answer,
+    with_sample_period,
+)
 from kalscope_app.session.state import (
     LINKS,
     MAX_SENSORS,
+    MAX_VARIANTS,
     MIN_SENSORS,
     ORDERS,
+    BoardCalibration,
     Change,
     Fusion,
+    Live,
     OpenFleet,
     Outcome,
+    Sent,
     State,
     Variant,
-    pinned,
     requested,
 )
 
@@ -54,10 +74,7 @@ DECADES = {"q": (-8, 3), "r": (-5, 4), "p0": (-6, 6)}
 
 def slider_limits(state: State, name: str) -> tuple[int, int]:
     """Lowest and highest exponent of a slider: around the signal's own noise, wider if the value is outside."""
-    return _limits(name, state.start.r, getattr(state.tuning, name))
-
-
-def _limits(name: str, noise: float, value: float | None) -> tuple[int, int]:
+    noise, value = state.start.r, getattr(state.tuning, name)
     centre = round(math.log10(noise)) if noise > 0.0 else 0
     low, high = (centre + end for end in DECADES[name])
     if value:
@@ -83,76 +100,77 @@ def set_point(state: State, q_exponent: float, r_exponent: float) -> State:
     return state if (q, r) == (state.tuning.q, state.tuning.r) else state.with_tuning(q=q, r=r, how="by hand")
 
 
+NOTHING = {"p0": None, "x0": None, "gate": None, "momentum": 0.0}
+"""The parameters that may be left out, and their values then."""
+
+WORDS_OF_NOTHING = ("", "automatic", "diffuse", "first", "off", "none")
+"""What a user may type for them."""
+
+
+def typed_value(name: str, text: str) -> float | None:
+    """The value of a parameter that a user typed; BadSetting where it is no number and no word for none."""
+    nothing = name in NOTHING and text.strip().lower() in WORDS_OF_NOTHING
+    return NOTHING[name] if nothing else typed_number(name, text)
+
+
 @requested
 def set_text(state: State, name: str, text: str) -> State:
-    """An exact value was typed: q, r, p0 (or "", "diffuse": automatic), x0 (or "": the first sample), gate in σ."""
-    if name == "x0" and text.strip().lower() in ("", "first"):
-        return state.with_tuning(x0=None)
-    if name == "p0" and text.strip().lower() in ("", "automatic", "diffuse"):
-        return set_automatic_start(True)(state)
+    """An exact value was typed: a number, or a word for none; the gate in σ, a momentum also as a time."""
     if name == "gate":
         return state.with_tuning(gate=typed_gate(text))
-    value = typed_number(name, text)
+    is_momentum = name == "momentum"
+    value = typed_momentum(text, state.recording.sample_period) if is_momentum else typed_value(name, text)
     if getattr(state.tuning, name) == value:
         return state
+    if name == "p0" and value is None:
+        return state.with_tuning(p0=None, x0=None)
     if name == "x0" and state.tuning.p0 is None:
         return state.with_tuning(x0=value, p0=state.tuning.r)
     return _by_hand(state, name, value)
 
 
-def _by_hand(state: State, name: str, value: float) -> State:
+def _by_hand(state: State, name: str, value: float | None) -> State:
     """One parameter set by hand; only q, r and the momentum have a history that this ends."""
-    how = "by hand" if name in ("q", "r") else state.tuning.how
+    how = "by hand" if name in ("q", "r", "momentum") else state.tuning.how
     return state.with_tuning(**{name: value}, how=how)
-
-
-@requested
-def set_automatic_start(state: State, automatic: bool) -> State:
-    """Automatic (diffuse) start at the first sample, or p0 and x0 by value, beginning with p0 = r."""
-    if automatic == (state.tuning.p0 is None):
-        return state
-    return state.with_tuning(p0=None if automatic else max(state.tuning.r, 1e-300), x0=None)
 
 
 def reset_parameters(state: State) -> State:
     """Back to the starting values of the channel, or to those of the fused sensors."""
     if state.fusion is not None:
         return state.with_fusion(replace(state.fusion, tuning=state.fusion.start, dropped=frozenset()))
-    start = state.start
-    values = {name: getattr(start, name) for name in (*PARAMETERS, "how")}
-    return state.with_tuning(**values)
+    return state.with_tuning_of(state.index, state.start)
+
+
+TOO_LATE = "after another recording was opened; nothing was changed."
+"""How a note ends on an answer that comes too late."""
 
 
 @requested
 def apply_found(state: State, recording: Recording, channel: str, found: FitResult) -> State:
     """A search has ended: its q, r, momentum and gate become the channel's, if the channel is still there."""
     if not state.continues(recording):
-        note = "The search ended after another recording was opened; nothing was changed."
-        return state.with_answers(note=note)
-    at = recording.index(channel)
-    before = state.settings.tunings[at]
-    if found.params is None:
-        return state.with_answers(
-            outcome=Outcome(found.how, found.message, before, None, found.estimate, found.request)
-        )
-    q, r, momentum = (float(value) for value in (found.params.q, found.params.r, found.params.momentum))
-    last = state.answers.outcome
-    by_hand = before not in (last and last.after, *(one.after for one in state.settings.firsts))
+        return replace(state, note=f"The search ended {TOO_LATE}")
+    at, params = recording.index(channel), found.params
+    before = state.tunings[at]
+    outcome = Outcome(**vars(found), before=before, after=None)
+    if params is None:
+        return replace(state, searched=outcome)
+    by_hand = before not in (state.searched and state.searched.after, *(one.after for one in state.firsts))
     kept = before if by_hand else replace(before, gate=None, p0=None, x0=None)
-    gate = kept.gate if found.params.gate is None else found.params.gate
-    start = {} if found.params.p0 is None else {"p0": found.params.p0, "x0": found.params.x0}
-    values = {"q": q, "r": r, "momentum": momentum, "gate": gate, **start}
+    values = {name: float(getattr(params, name)) for name in ("q", "r", "momentum")}
+    values |= {} if params.gate is None else {"gate": params.gate}
+    values |= {} if params.p0 is None else {"p0": params.p0, "x0": params.x0}
     after = replace(kept, **values, how=found.how, chain=None, paper=None)
-    answer = Outcome(found.how, found.message, before, after, found.estimate, found.request)
-    outcome = answer if channel == state.channel else None
-    return state.with_tuning_of(at, after).with_answers(outcome=outcome)
+    searched = replace(outcome, after=after) if channel == state.channel else None
+    return replace(state.with_tuning_of(at, after), searched=searched)
 
 
 @requested
 def set_sample_period(state: State, text: str) -> State:
     """The time between two samples was typed, s; an empty box is what the recording says."""
     period = typed_number("sample period", text) if text.strip() else None
-    return state if period == state.open.typed_period else with_sample_period(state, period)
+    return state if period == state.typed_period else with_sample_period(state, period)
 
 
 # Changes of the momentum τ of the channel on screen: by its slider, or typed in samples or as a time.
@@ -165,8 +183,6 @@ MAX_POSITION = 5.0
 
 OFF = "off"
 """The text for no momentum."""
-
-_SAMPLES = (" samples", " sample")
 
 
 def slider_position(momentum: float) -> float:
@@ -183,13 +199,8 @@ def momentum_at(position: float) -> float:
 @requested
 def set_momentum_position(state: State, position: float) -> State:
     """The slider was moved."""
-    return with_momentum(state, momentum_at(position)) if math.isfinite(position) else state
-
-
-@requested
-def set_momentum_text(state: State, _name: str, text: str) -> State:
-    """A momentum was typed: samples, or a time such as 240 ms; empty or "off" is none."""
-    return with_momentum(state, typed_momentum(text, state.recording.sample_period))
+    momentum = momentum_at(position) if math.isfinite(position) else state.tuning.momentum
+    return state if momentum == state.tuning.momentum else _by_hand(state, "momentum", momentum)
 
 
 def typed_momentum(text: str, period: float | None) -> float:
@@ -198,29 +209,19 @@ def typed_momentum(text: str, period: float | None) -> float:
     Raises:
         BadSetting: it is not a number, or it is a time and the sample period is not known.
     """
-    bare = text.strip().lower()
-    if bare in ("", OFF, "none"):
-        return 0.0
-    for word in _SAMPLES:
-        bare = bare.removesuffix(word)
-    unit = next(((word, length) for word, length in TIME_UNITS if bare.endswith(word)), None)
-    if unit is None:
-        return typed_number("momentum", bare)
+    bare = re.sub(r" samples?$", "", text.strip().lower())
+    unit, length = next((one for one in TIME_UNITS if bare.endswith(one[0])), ("", 0.0))
+    if not unit:
+        return typed_value("momentum", bare) or 0.0
     if period is None:
         raise BadSetting(f"momentum must be in samples while the sample period is not known (got {text[:40]!r})")
-    word, length = unit
-    return typed_number("momentum", bare.removesuffix(word)) * length / period
-
-
-def with_momentum(state: State, momentum: float) -> State:
-    """The state with another momentum for the channel on screen; raises what FilterParams raises."""
-    return state if momentum == state.tuning.momentum else state.with_tuning(momentum=momentum, how="by hand")
+    return typed_number("momentum", bare.removesuffix(unit)) * length / period
 
 
 def add_momentum(state: State) -> State:
     """Begin with a momentum as long as the lag, to two digits; a slider can then find a better one."""
     lag = steady_state(state.tuning.params).lag_samples
-    return with_momentum(state, float(f"{min(max(lag, 1.0), MAX_MOMENTUM):.1e}"))
+    return _by_hand(state, "momentum", float(f"{min(max(lag, 1.0), MAX_MOMENTUM):.1e}"))
 
 
 def momentum_words(momentum: float, period: float | None) -> str:
@@ -231,8 +232,8 @@ def momentum_words(momentum: float, period: float | None) -> str:
 # Changes of the chain of filters that a channel runs in place of the Kalman filter alone.
 
 
-MEDIANS = ("off", "3 samples", "5 samples")
-"""Medians that may be chosen as the first filter, in the words on screen."""
+MEDIANS = {"off": 1, "3 samples": 3, "5 samples": 5}
+"""Samples of the medians that may be chosen as the first filter, by the words on screen."""
 
 
 def median_words(window: int) -> str:
@@ -246,9 +247,9 @@ def use_chain(state: State, chain: Chain) -> State:
     state.require_one_channel()
     if state.tuning.chain == chain:
         return state
-    after = state.with_standard_filter().with_tuning(chain=chain)
+    after = state.with_tuning(chain=chain, paper=None)
     words = f"{chain.words[:1].upper()}{chain.words[1:]}"
-    return after.with_answers(note=f"{words} runs now; Undo reverts it.")
+    return replace(after, note=f"{words} runs now; Undo reverts it.")
 
 
 def use_kalman_filter(state: State) -> State:
@@ -262,11 +263,15 @@ def set_median(state: State, words: str) -> State:
     chain = state.tuning.chain
     if words == median_words(1 if chain is None else chain.median):
         return state
-    if words not in MEDIANS:
-        raise BadSetting(f"the median must be one of {', '.join(MEDIANS)} (got {words[:40]!r})")
-    then, off = None if chain is None else chain.then, words == "off"
-    window = 1 if off else int(words.partition(" ")[0])
-    return state.with_tuning(chain=None if off and then is None else Chain(window, then))
+    _require("the median", words, MEDIANS)
+    then, window = chain and chain.then, MEDIANS[words]
+    return state.with_tuning(chain=None if window == 1 and then is None else Chain(window, then))
+
+
+def _require(what: str, choice: str, choices: Collection[str]) -> None:
+    """BadSetting where it is none of the choices."""
+    if choice not in choices:
+        raise BadSetting(f"{what} must be one of {', '.join(choices) or 'none'} (got {str(choice)[:40]!r})")
 
 
 # Changes of the channels: which is on screen, which are linked, whose settings are copied.
@@ -275,15 +280,14 @@ def set_median(state: State, words: str) -> State:
 @requested
 def select_channel(state: State, name: str) -> State:
     """Show another channel, with its own parameters, or the fused value."""
-    fusion = state.settings.fusion
-    fused = fusion is not None and name == fusion.tuning.name
+    fused = state.fused is not None and name == state.fused.tuning.name
     if not fused:
         state.recording.index(name)
-    if fused is (state.fusion is not None) and (fused or name == state.channel):
+    if fused is state.shows_fused and (fused or name == state.channel):
         return state
-    state = state.with_open(channel=state.channel if fused else name, fused=fused).with_reset_view()
-    state = state if fused else with_first_answer(state)
-    return state.with_answers(outcome=None, note="")
+    channel = state.channel if fused else name
+    state = replace(state.with_reset_view(), channel=channel, shows_fused=fused, searched=None, note="")
+    return state if fused else with_first_answer(state)
 
 
 def channel_named(recording: Recording, text: str) -> str:
@@ -297,10 +301,9 @@ def channel_named(recording: Recording, text: str) -> str:
 @requested
 def set_link(state: State, link: str) -> State:
     """Tune this channel alone or all together; all then take the present one's setting at once."""
-    if link not in LINKS:
-        raise BadSetting(f"the way of tuning channels must be one of {', '.join(LINKS)} (got {link[:40]!r})")
-    own = state.settings.tunings[state.index]  # not the fused value, which may be on screen
-    return state.with_settings(link=link).with_tuning_of(state.index, own).with_answers(note="")
+    _require("the way of tuning channels", link, LINKS)
+    own = state.tunings[state.index]  # not the fused value, which may be on screen
+    return replace(state, link=link).with_tuning_of(state.index, own)
 
 
 @requested
@@ -308,7 +311,7 @@ def set_board_channel(state: State, name: str | None) -> State:
     """Say which channel is the board's own filtered curve; None: there is none."""
     if name is not None:
         state.recording.index(name)
-    return state if name == state.board else state.with_open(board_choice=name)
+    return state if name == state.board else replace(state, board_choice=name)
 
 
 # Changes of the fused filter: sensors are fused, one drops out, its noise or its offset changes.
@@ -319,7 +322,7 @@ def candidates(state: State) -> tuple[str, ...]:
 
     Of too many the first ones and the one on screen; sensors that are already fused are always included.
     """
-    recording, fusion = state.recording, state.settings.fusion
+    recording, fusion = state.recording, state.fused
     unit = recording.units[state.index] if fusion is None else fusion.tuning.unit
     alike = [name for name, of in zip(recording.names, recording.units, strict=True) if of == unit]
     filtered = {f"{name}_filtered" for name in alike}
@@ -364,8 +367,7 @@ def apply_fusion(
 ) -> State:
     """Sensors are fused: their filter is on screen, if their recording still is."""
     if not state.continues(recording):
-        note = "The sensors were fused after another recording was opened; nothing was changed."
-        return state.with_answers(note=note)
+        return replace(state, note=f"The sensors were fused {TOO_LATE}")
     unit = recording.units[recording.index(sensors[0])]
     tuning = ChannelTuning.of_params(name_of_fused(recording), unit, params, how, sensors)
     return state.with_fusion(Fusion(tuning, tuning, estimate=estimate)).with_reset_view()
@@ -373,53 +375,36 @@ def apply_fusion(
 
 def stop_fusing(state: State) -> State:
     """The channel's own filter again; Undo brings the fused one back."""
-    return state if state.settings.fusion is None else state.with_fusion(None).with_reset_view()
+    return state if state.fused is None else state.with_fusion(None).with_reset_view()
 
 
 @requested
 def set_taking_part(state: State, sensor: str, takes_part: bool) -> State:
-    """A sensor drops out, or is taken in again."""
-    fusion = _of(state, sensor)
-    return state if fusion is None else state.with_fusion(fusion.with_taking_part(sensor, bool(takes_part)))
-
-
-@requested
-def set_sensor_exponent(state: State, sensor: str, exponent: float) -> State:
-    """The slider of a sensor's noise was moved: its r becomes 10^exponent, to three digits."""
-    fusion = _of(state, sensor)
-    if fusion is None or not math.isfinite(exponent):
-        return state
-    low, high = sensor_limits(fusion, sensor)
-    return _with(state, fusion, sensor, "r", _rounded(10.0 ** min(max(exponent, low), high)))
+    """A sensor drops out, or is taken in again; BadSetting for the last one."""
+    fusion, _ = _fusion_of(state, sensor)
+    dropped = fusion.dropped - {sensor} if takes_part else fusion.dropped | {sensor}
+    if len(dropped) == len(fusion.tuning.sensors):
+        raise BadSetting(f"at least one sensor must take part (got {sensor[:40]!r}, the last one, dropped out)")
+    return state.with_fusion(replace(fusion, dropped=dropped))
 
 
 @requested
 def set_sensor_text(state: State, sensor: str, name: str, text: str) -> State:
     """An exact r or offset of a sensor was typed."""
-    fusion = _of(state, sensor)
-    if fusion is None:
-        return state
+    fusion, at = _fusion_of(state, sensor)
     value = 0.0 if name == "offset" and not text.strip() else typed_number(f"{name} of {sensor[:40]}", text)
-    return _with(state, fusion, sensor, name, value)
-
-
-def sensor_limits(fusion: Fusion, sensor: str) -> tuple[int, int]:
-    """Lowest and highest exponent of the slider of a sensor's r: around what was found, wider if r is outside."""
-    at = fusion.tuning.sensors.index(sensor)
-    return _limits("r", fusion.start.r[at], fusion.tuning.r[at])
-
-
-def _of(state: State, sensor: str) -> Fusion | None:
-    """The fused filter, if it has this sensor."""
-    fusion = state.settings.fusion
-    return fusion if fusion is not None and sensor in fusion.tuning.sensors else None
-
-
-def _with(state: State, fusion: Fusion, sensor: str, name: str, value: float) -> State:
-    at = fusion.tuning.sensors.index(sensor)
-    if getattr(fusion.tuning, name)[at] == value:
+    each = getattr(fusion.tuning, name)
+    if each[at] == value:
         return state
-    return state.with_fusion(fusion.with_sensor(sensor, **{name: value}))
+    values = {name: (*each[:at], value, *each[at + 1 :])}
+    return state.with_fusion(replace(fusion, tuning=replace(fusion.tuning, **values, how="by hand")))
+
+
+def _fusion_of(state: State, sensor: str) -> tuple[Fusion, int]:
+    """The fused filter and the index of a sensor; BadSetting where it does not have this sensor."""
+    if state.fused is None or sensor not in state.fused.tuning.sensors:
+        raise BadSetting(f"the sensor must be one of those that are fused (got {sensor[:40]!r})")
+    return state.fused, state.fused.tuning.sensors.index(sensor)
 
 
 # Changes of the open fleet, and the step from one of its devices to the recording on screen.
@@ -438,8 +423,7 @@ def close_fleet(state: State) -> State:
 
 def set_fleet_order(order: str) -> Change:
     """Sort the devices in another way."""
-    if order not in ORDERS:
-        raise BadSetting(f"sort by must be one of {', '.join(ORDERS)} (got {str(order)[:40]!r})")
+    _require("sort by", order, ORDERS)
     return _set_fleet("order", str, order)
 
 
@@ -451,67 +435,59 @@ def _set_fleet(state: State, name: str, kept: Callable[[Any], Any], value: Any) 
 
 find_devices = partial(_set_fleet, "find", lambda text: one_line(str(text))[:200].strip())
 """List the devices whose names contain a text."""
-set_at_shared = partial(_set_fleet, "at_shared", bool)
-"""Open devices at the filter for all, or each at its own."""
 
 
 @requested
 def at_device(state: State, fleet: Fleet, i: int) -> State:
-    """Set the recording of a device, which has just been opened, to its own filter or to that for all.
+    """Set the recording of a device, which has just been opened, to its own filter.
 
     A device without q and r keeps its starting values; the note says why.
     """
     from kalscope.fleet.results import device_tuning
 
     name = one_line(fleet.devices.name(i))[:80]
-    shared = fleet.shared is not None and state.fleet is not None and state.fleet.at_shared
-    if not shared and fleet.devices.reasons[i]:
-        return state.with_answers(note=f"{name} has no q and r: {one_line(fleet.devices.reasons[i])[:200]}.")
-    after = adapted(state, device_tuning(fleet, i, shared=shared))
-    which = "the filter for all" if shared else "its own filter"
-    return after.with_answers(note=f"{name} at {which}. {after.answers.note}".strip())
+    if fleet.devices.reasons[i]:
+        return replace(state, note=f"{name} has no q and r: {one_line(fleet.devices.reasons[i])[:200]}.")
+    after = adapted(state, device_tuning(fleet, i))
+    return replace(after, note=f"{name} at its own filter. {after.note}".strip())
 
 
 # Changes of the pinned settings.
 
 
-PARAMETERS = ("q", "r", "momentum", "p0", "x0", "gate", "chain")
-"""What a setting consists of."""
-
-
 def pin_present(state: State) -> State:
-    """Keep the present setting of the channel on screen as a variant, under the first free letter."""
+    """Keep the present setting of the channel on screen as a variant, under the first letter that is free."""
     state.require_one_channel()
     if state.tuning.paper is not None:
         raise BadSetting("the Khan et al. filter has no q and r, so it cannot be pinned")
     same = next((one for one in state.variants if one.tuning.filter == state.filter), None)
     if same is not None:
         raise BadSetting(f"this setting is pinned already, as {same.name}")
-    pin = pinned(state.tuning, state.variants)
-    return state.with_settings(pins=(*state.settings.pins, pin)).with_answers(note="")
+    free = set(range(MAX_VARIANTS)) - {one.number for one in state.variants}
+    if not free:
+        raise BadSetting(
+            f"a channel must have at most {MAX_VARIANTS} pinned settings: delete one first (got {MAX_VARIANTS})"
+        )
+    return replace(state, pins=(*state.pins, Variant(min(free), state.tuning)), note="")
 
 
 @requested
 def use_variant(state: State, name: str) -> State:
     """The present setting becomes that of a variant."""
-    tuning = _variant(state, name).tuning
-    values = {key: getattr(tuning, key) for key in PARAMETERS}
-    return state.with_standard_filter().with_tuning(**values, how=tuning.how)
+    return state.with_tuning_of(state.index, _variant(state, name).tuning)
 
 
 @requested
 def delete_variant(state: State, name: str) -> State:
     """Forget a variant; its letter and colour are free again."""
     gone = _variant(state, name)
-    return state.with_settings(pins=tuple(one for one in state.settings.pins if one is not gone))
+    return replace(state, pins=tuple(one for one in state.pins if one is not gone))
 
 
 def _variant(state: State, name: str) -> Variant:
-    for variant in state.variants:
-        if variant.name == name:
-            return variant
-    choices = ", ".join(variant.name for variant in state.variants) or "none, nothing is pinned"
-    raise BadSetting(f"variant must be one of {choices} (got {name[:40]!r})")
+    named = {one.name: one for one in state.variants}
+    _require("variant", name, named)
+    return named[name]
 
 
 # Changes of the view: the window, the theme, the map, what is drawn beside the signal.
@@ -529,9 +505,8 @@ def set_window(state: State, first: float, last: float) -> State:
     if high - low < shortest:
         low, high = max(begin, min(low, end - shortest)), min(end, max(high, low + shortest))
     window = None if low <= begin and high >= end else (low, high)
-    live = replace(state.live, following=False) if state.live else None  # the user looks back
-    same = window == state.view.window and live == state.live
-    return state if same else replace(state.with_view(window=window), live=live)
+    after = state.with_view(window=window).with_live(following=False)  # the user looks back
+    return state if (after.view, after.live) == (state.view, state.live) else after
 
 
 def reset_view(state: State) -> State:
@@ -559,12 +534,8 @@ set_drawn_alternative = partial(_set_view, "drawn_alternative", lambda name: str
 @requested
 def set_search_method(state: State, method: str, methods: Collection[str]) -> State:
     """Search q and r by another method, one of `methods`."""
-    if method not in methods:
-        raise BadSetting(f"the way to find q and r must be one of {', '.join(methods)} (got {str(method)[:40]!r})")
+    _require("the way to find q and r", method, methods)
     return state.with_view(search_method=method)
-
-
-# Settings to begin with, each with a reason of one line: by lag, and those of two source documents. Pure.
 
 
 # Changes that a piece of advice asks for, where no search is needed.
@@ -580,34 +551,28 @@ def change_for(state: State, action: actions.Action, judged: State) -> State:
 
     The values are those of the judged filter, so that two clicks do no more than one.
     """
-    return _applied(action, state, judged) if is_same_signal(state, judged) else state
+    if not is_same_signal(state, judged):
+        return state
+    q, r, how = judged.tuning.q, judged.tuning.r, judged.tuning.how
+    match action:
+        case actions.Scale(q_factor, r_factor):
+            keeps_goal = q_factor == r_factor and request_in(how, r) is not None  # q/r stays, and so does a goal
+            how = how if keeps_goal else "by hand"
+            return state.with_tuning(q=_rounded(q * q_factor), r=_rounded(r * r_factor), how=how)
+        case actions.SetGate(sigma):
+            return state.with_tuning(gate=None if sigma is None else sigma * sigma)
+        case actions.UnsetStart():
+            return state.with_tuning(p0=None, x0=None)
+        case actions.GiveNoise() | actions.ChooseFilter():
+            is_noise = isinstance(action, actions.GiveNoise)
+            return state.with_view(search_method=FOR_NOISE if is_noise else FOR_LAG)
+        case _:
+            return state
 
 
 def is_same_signal(state: State, judged: State) -> bool:
     """Whether the channel that was judged is still on screen."""
     return state.continues(judged.recording) and state.channel == judged.channel
-
-
-def _applied(action: actions.Action, state: State, judged: State) -> State:
-    q, r = judged.tuning.q, judged.tuning.r
-    match action:
-        case actions.Scale(q_factor, r_factor):
-            chosen = (
-                q_factor == r_factor and request_in(judged.tuning.how, r) is not None
-            )  # q/r stays, and so does a goal
-            how = judged.tuning.how if chosen else "by hand"
-            state = state.with_tuning(q=_rounded(q * q_factor), r=_rounded(r * r_factor), how=how)
-        case actions.SetGate(sigma):
-            state = state.with_tuning(gate=None if sigma is None else sigma * sigma)
-        case actions.UnsetStart():
-            state = set_automatic_start(True)(state)
-        case actions.GiveNoise():
-            state = state.with_view(search_method=FOR_NOISE)
-        case actions.ChooseFilter():
-            state = state.with_view(search_method=FOR_LAG)
-        case _:
-            pass
-    return state
 
 
 def _rounded(value: float) -> float:
@@ -645,27 +610,302 @@ def uploaded_settings(name: str, content: bytes) -> Tuning:
 def use_settings(state: State, tuning: Tuning, name: str) -> State:
     """The values of a file, called `name`, become those of the channels of the same names; one undoable change."""
     after = adapted(state, tuning)
-    note = f"Loaded {one_line(name)[:80]}. {after.answers.note}".strip()
-    return after.with_answers(note=note)
+    return replace(after, note=f"Loaded {one_line(name)[:80]}. {after.note}".strip())
 
 
 @requested
 def as_it_was_left(state: State, tuning: Tuning) -> State:
     """The filters that this file had when it was last open, unless others than the starting values are set now."""
-    settings = state.settings
-    if state.recording.source != tuning.source or settings.tunings != settings.starts:
+    if state.recording.source != tuning.source or state.tunings != state.starts:
         return state
     try:
         after = adapted(state, tuning)
     except BadSetting:  # the file has other channels now
         return state
     # Older versions also kept filters that nobody had changed.
-    pairs = zip(settings.tunings, after.settings.tunings, strict=True)
+    pairs = zip(state.tunings, after.tunings, strict=True)
     tunings = tuple(now if kept.how == "starting values" else kept for now, kept in pairs)
-    after = after.with_settings(tunings=tunings)
-    if (after.settings.tunings, after.settings.fusion) == (settings.tunings, settings.fusion):
+    if (tunings, after.fused) == (state.tunings, state.fused):
         return state
-    if state.channel != default_channel(state.recording):  # chosen on the command line
-        after = after.with_open(channel=state.channel)
-    note = f"The filter is as you left it: Undo gives the starting values. {after.answers.note}".strip()
-    return after.with_answers(note=note)
+    chosen = state.channel != default_channel(state.recording)  # on the command line
+    note = f"The filter is as you left it: Undo gives the starting values. {after.note}".strip()
+    return replace(after, tunings=tunings, channel=state.channel if chosen else after.channel, note=note)
+
+
+# A live board in the State: its window follows the newest sample or is paused; `refreshed` adds new samples.
+#
+# The State holds the record as of the last refresh (`Snapshot`: views, so taking one costs nothing). What the user
+# chose stays; only the record under it grows.
+
+
+SPANS = {
+    **{f"{seconds} s": float(seconds) for seconds in (1, 2, 5, 10, 30)},
+    **{f"{minutes} min": 60.0 * minutes for minutes in (1, 2, 5, 10)},
+    "all": math.inf,
+}
+"""Lengths of the window that follows the newest sample, s."""
+
+START_SAMPLES, START_SECONDS = 100, 2.0
+"""The starting r is measured on the first samples: on this many, or over this long if the board is slow."""
+
+MIN_SAMPLES = 10
+"""Fewer samples than this show nothing yet."""
+
+WAITING = f"waiting for the first {MIN_SAMPLES} samples"
+"""What is said instead of the size of the placeholder."""
+
+MAX_STUDIED = 100_000
+"""Newest samples that the checks, spectra and maps of a live record are computed from."""
+
+
+def opened_live(board: LiveSource, title: str, before: State | None = None, tuning: Tuning | None = None) -> State:
+    """A state that waits for the first samples of a board and then shows them.
+
+    Args:
+        board: the board.
+        title: its name, as the user gave it.
+        before: what was on screen.
+        tuning: values to begin with, for the channels of the same names; None = measured on the first samples.
+    """
+    live = Live(board, deferred=() if tuning is None else (lambda state: adapted(state, tuning),))
+    # Until it has sent something, two missing samples are on screen.
+    waiting = Recording(np.arange(2.0), ("signal",), ("",), np.full((2, 1), np.nan), None, title=title)
+    return replace(opened(waiting, before), note="", live=live)
+
+
+def when_settled(state: State, change: Change) -> State:
+    """Make a change of the command line as soon as the channels of a board are known; at once where they are."""
+    live = state.live
+    if live is None or live.settled:
+        return change(state)
+    return state.with_live(deferred=(*live.deferred, change))
+
+
+def _apply_deferred(state: State) -> State:
+    """The state with what the command line asked for; the note says what could not be applied."""
+    live, notes = state.live, list[str]()
+    if live is None or not live.settled or not live.deferred:
+        return state
+    state = state.with_live(deferred=())
+    for change in live.deferred:
+        try:
+            state = change(state)
+            notes += filter(None, [state.note])
+        except BadSetting as error:
+            notes.append(f"Ignored command-line option: {error}.")
+    return replace(state.with_reset_view(), note=" ".join(notes))
+
+
+def refreshed(state: State, snapshot: Snapshot | None) -> State:
+    """The state with the samples that its board has now; the same object where there are no new ones."""
+    live = state.live
+    if live is None or live.paused or snapshot is None or len(snapshot.recording) < MIN_SAMPLES:
+        return state
+    last = live.snapshot
+    if last is not None and (last.generation, last.version) == (snapshot.generation, snapshot.version):
+        return state
+    if last is None or last.generation != snapshot.generation or not live.settled:
+        state = _begun(state, snapshot)
+    return replace(state, recording=snapshot.recording).with_live(snapshot=snapshot)
+
+
+def _begun(state: State, snapshot: Snapshot) -> State:
+    """Starting values from the first samples, and what is kept from before."""
+    recording = snapshot.recording
+    firsts: list[int] = np.isfinite(recording.values).argmax(axis=0).tolist()  # a topic may first appear later
+    begin = max(firsts, default=0)
+    lasted = float(recording.time[-1] - recording.time[begin])
+    settled = len(recording) - begin >= START_SAMPLES or lasted >= START_SECONDS
+    head = _part(recording, begin, begin + START_SAMPLES)
+    found = tuple(
+        (first_answer if i < MOST_CHANNELS else not_fitted)(_part(recording, first, first + START_SAMPLES), name)
+        for i, (first, name) in enumerate(zip(firsts, recording.names, strict=True))
+    )
+    fresh = with_first_answer(opened(head, state, found))
+    last, now = state.live and state.live.snapshot, recording.names
+    before = last.recording.names if last else ()
+    if last is not None and (last.generation == snapshot.generation or before == now[: len(before)] != now):
+        fresh = replace(fresh, note=state.note)
+    if now == state.recording.names:
+        fresh = fresh.with_view(resets=state.view.resets)
+    choice = state.board_choice if state.board_choice in (*now, None) else fresh.board_choice
+    fresh = replace(fresh, board_choice=choice, options=state.options, live=state.live)
+    return _apply_deferred(fresh.with_live(settled=settled))
+
+
+def without_samples(state: State) -> State:
+    """The state as the history keeps it: without the samples, which the connection keeps."""
+    if state.live is None or state.live.snapshot is None:
+        return state
+    few = _part(state.recording, 0, 2)
+    stub = replace(few, time=few.time.copy(), values=few.values.copy())  # a view would keep the whole array
+    return replace(state, recording=stub).with_live(snapshot=None, paused=False)
+
+
+def with_current_samples(kept: State, present: State) -> State:
+    """A state from the history with the samples on screen, if it is the same board."""
+    if kept.live is None or present.live is None or present.live.board is not kept.live.board:
+        return kept
+    if tuple(tuning.name for tuning in kept.tunings) != present.recording.names:
+        return kept
+    return replace(kept, recording=present.recording, live=present.live)
+
+
+def studied(state: State) -> State:
+    """The state that idle-time computations use: the newest samples of a live record, all of any other."""
+    n = len(state.recording)
+    if state.live is None or n <= MAX_STUDIED:
+        return state
+    return replace(state, recording=_part(state.recording, n - MAX_STUDIED, n))
+
+
+def live_window(state: State) -> tuple[float, float] | None:
+    """First and last time on screen, s, of what is open; None = all of it."""
+    if state.live is None or not state.live.following:
+        return state.view.window
+    if math.isinf(state.live.span):
+        return None
+    end = float(state.recording.time[-1])
+    return end - state.live.span, end
+
+
+def _part(recording: Recording, first: int, last: int) -> Recording:
+    return replace(recording, time=recording.time[first:last], values=recording.values[first:last])
+
+
+def follow(state: State) -> State:
+    """The Live button: continue, at the newest sample."""
+    return state.with_live(following=True, paused=False).with_reset_view(window=None) if state.live else state
+
+
+@requested
+def set_paused(state: State, paused: bool) -> State:
+    """Freeze the screen, or continue; samples arrive in either case."""
+    return state.with_live(paused=bool(paused))
+
+
+@requested
+def set_span(state: State, words: str) -> State:
+    """Choose the length of the window that follows, by its label."""
+    _require("the live window", words, SPANS)
+    after = state.with_live(span=SPANS[words], following=True)  # a paused screen stays so
+    return after.with_reset_view(window=None) if state.live else state
+
+
+@requested
+def set_sent(state: State, sent: Sent | None) -> State:
+    """The board has taken a setting, and its curve is drawn; None: what it uses is not known."""
+    if sent is not None and state.board is None and sent.filtered in state.recording.names:
+        state = replace(state, board_choice=sent.filtered)
+    return replace(state, sent=sent)
+
+
+@requested
+def set_calibration(state: State, calibration: BoardCalibration | None) -> State:
+    """The board has measured its noise, or could not; None: it begins to."""
+    # Its filter continued with what it measured: there is no restart from which to compare it.
+    sent = state.sent if calibration is None or calibration.values is None else None
+    return replace(state, calibration=calibration, sent=sent)
+
+
+@requested
+def set_kept(state: State, kept: bool) -> State:
+    """The board keeps its values for its next start, or those of its export."""
+    known = state.calibration
+    return state if known is None else replace(state, calibration=replace(known, kept=kept))
+
+
+def calibration_here(state: State) -> BoardCalibration | None:
+    """The result of letting the board measure the channel on screen."""
+    known = state.calibration
+    return known if known and (known.record, known.channel) == (state.record_key, state.channel) else None
+
+
+def use_calibration(state: State) -> State:
+    """Filter the channel on screen with the r and q that its board measured."""
+    known = calibration_here(state)
+    if known is None or known.values is None:
+        raise BadSetting("the board must have measured this channel first (got none)")
+    state = state if state.uses_parameters else state.with_standard_filter()
+    return state.with_tuning(**known.values.parameters, how="measured by the board")
+
+
+# One line that reopens file, channel and setting: written from a State, and applied to one.
+
+
+AUTOMATIC = {"p0": "automatic", "x0": "first", "gate": "off"}
+"""The texts that mean no number."""
+
+
+@dataclass(frozen=True)
+class ShareLine:
+    """The line, and what must be said with it."""
+
+    line: str
+    """The command."""
+    remarks: tuple[str, ...]
+    """Sentences on what it does not contain; fixed texts, with nothing from a file."""
+
+
+def share_line(state: State) -> ShareLine:
+    """The command that reopens what is on screen."""
+    recording, remarks = state.recording, list[str]()
+    source = f"./{recording.source}" if recording.source.startswith("-") else recording.source
+    if not source.isprintable() or not source:
+        source, remarks = "FILE", ["Replace FILE with the path of the open file."]
+    words = ["kalscope", "open", source, *reading_words(state)]
+    if len(recording.names) > 1:
+        named = state.channel.isprintable() and state.channel.strip()
+        words += option("channel", state.channel if named else str(state.index + 1))
+    if state.fusion is not None:
+        remarks.append("Fused sensors reopen with the tuning file above.")
+    elif state.tuning.paper is not None:
+        remarks.append("The Khan et al. filter reopens as its experiment has it.")
+    else:
+        words += setting_words(state)
+    if len(recording.names) > 1:
+        remarks.append("The other channels open at their starting values; the tuning file above keeps them all.")
+    join = subprocess.list2cmdline if os.name == "nt" else shlex.join
+    return ShareLine(join(words), tuple(remarks))
+
+
+def setting_words(state: State) -> list[str]:
+    """Q and r always, the rest where it differs from the starting values."""
+    tuning, start = state.tuning, state.start
+    words = [*option("q", repr(tuning.q)), *option("r", repr(tuning.r))]
+    by_value = tuning.p0 is not None
+    for name in ("momentum", "p0", "x0", "gate"):
+        value = getattr(tuning, name)
+        if value != getattr(start, name) and (name != "x0" or by_value):
+            words += option(name, AUTOMATIC[name] if value is None else repr(value))
+    return words if tuning.chain is None else [*words, *option("chain", chain_text(tuning.chain))]
+
+
+def reading_words(state: State) -> list[str]:
+    """How the file is to be read, where that was decided."""
+    words = () if state.typed_period is None else option("sample-period", repr(state.typed_period))
+    return [*words, *option_words(state.options)]
+
+
+def apply_options(state: State, channel: str | None, chain: str | None, **given: str | None) -> State:
+    """The state with the channel and the setting of the command line; what is None stays as it was opened.
+
+    Raises:
+        BadSetting: no such channel, not a number, not a chain, or values that no filter can have.
+    """
+    values: dict[str, float | Chain | None] = {
+        name: typed_value(name, text) for name, text in given.items() if text is not None
+    }
+    if values.get("p0", 0.0) is None:
+        values["x0"] = None
+    if chain is not None:
+        values["chain"] = typed_chain(chain)
+
+    def change(state: State) -> State:
+        if channel is not None:
+            state = select_channel(channel_named(state.recording, channel))(state)
+        return state.with_tuning(**values, paper=None, how="command line") if values else state
+
+    if values and state.live is not None and not state.live.settled:
+        state.with_tuning(**values)  # refuses now what no channel could have
+    return state if channel is None and not values else when_settled(state, change)

@@ -21,10 +21,7 @@ from kalscope.papers.reproduction import open_experiment
 from kalscope.recording import Recording, Timing
 from kalscope.tuning.choose import adapt_tuning, name_of_fused
 from kalscope.tuning.tuning import ChannelTuning, Tuning, same_period
-from kalscope_app.session.state import ChannelSettings, Fusion, OpenRecording, Outcome, State
-
-MAX_NAMED = 3
-"""Channels that a note names."""
+from kalscope_app.session.state import Fusion, Outcome, State
 
 SAME_RATE = 0.05
 """Share by which a board's measured sample period may differ from that of a tuning file before q is rescaled."""
@@ -37,9 +34,6 @@ MOST_CHANNELS, NOT_FITTED = 24, "not fitted yet"
 
 FEW_CHANNELS, FEW_READINGS = 4, 20_000
 """Channels, and readings of all of them, up to which all are fitted before the first picture."""
-
-ChannelKey = tuple[str, str]
-"""Name and unit: what must be the same for settings to stay."""
 
 
 def opened(recording: Recording, before: State | None = None, firsts: tuple[Outcome, ...] | None = None) -> State:
@@ -56,10 +50,8 @@ def opened(recording: Recording, before: State | None = None, firsts: tuple[Outc
     now = firsts is None
     small = len(recording.names) <= FEW_CHANNELS and recording.values.size <= FEW_READINGS
     firsts = firsts or tuple((first_answer if small else not_fitted)(recording, name) for name in recording.names)
-    starts = tuple(one.before for one in firsts)
-    settings = ChannelSettings(starts, starts, firsts=firsts)
-    fresh = State(OpenRecording(recording, default_channel(recording)), settings)
-    state = fresh if before is None else _with_what_stays(fresh, before)
+    state = State(recording, default_channel(recording), tuple(one.before for one in firsts), firsts)
+    state = state if before is None else _with_what_stays(state, before)
     return with_first_answer(state) if now else state
 
 
@@ -69,76 +61,67 @@ def opened_raw(recording: Recording) -> State:
 
 
 def _with_what_stays(fresh: State, before: State) -> State:
-    settings, channels = before.settings, set(map(_key, fresh.settings.starts))
-    pairs = zip(settings.tunings, settings.starts, strict=True)
-    tuned = {_key(one): one for one in (*settings.elsewhere, *(now for now, start in pairs if now != start))}
-    here = set(map(_key, settings.tunings))
-    state = replace(fresh, view=before.view, fleet=before.fleet).with_reset_view(window=None)
-    fusion = settings.fusion
-    if fusion and not {_key(one) for one in settings.tunings if one.name in fusion.tuning.sensors} <= channels:
-        fusion = None
-    state = state.with_settings(
-        tunings=tuple(tuned.get(_key(own), own) for own in fresh.settings.starts),
-        elsewhere=tuple(one for key, one in tuned.items() if key not in channels),
-        pins=settings.pins,
-        link=settings.link if channels <= here else fresh.settings.link,
-        fusion=fusion,
-    ).with_open(fused=before.open.fused and fusion is not None)
-    if _key(before.tuning) in channels:
-        state = state.with_open(channel=before.channel)
-    stays = channels & {*tuned, *(_key(pin.tuning) for pin in settings.pins)}
+    channels, here = set(map(_key, fresh.tunings)), set(map(_key, before.tunings))
+    pairs = zip(before.tunings, before.starts, strict=True)
+    tuned = {_key(one): one for one in (*before.elsewhere, *(now for now, start in pairs if now != start))}
+    fused = before.fused
+    if fused and not {_key(one) for one in before.tunings if one.name in fused.tuning.sensors} <= channels:
+        fused = None
     note = "Filters and pins of channels of the same name and unit stay (Reset gives starting values); "
-    return state.with_answers(note=f"{note}Undo returns to the previous recording." if stays else "")
+    stays = channels & {*tuned, *(_key(pin.tuning) for pin in before.pins)}
+    return replace(
+        fresh,
+        tunings=tuple(tuned.get(_key(own), own) for own in fresh.tunings),
+        elsewhere=tuple(one for key, one in tuned.items() if key not in channels),
+        pins=before.pins,
+        link=before.link if channels <= here else fresh.link,
+        fused=fused,
+        shows_fused=before.shows_fused and fused is not None,
+        channel=before.channel if _key(before.tuning) in channels else fresh.channel,
+        view=before.with_reset_view(window=None).view,
+        note=f"{note}Undo returns to the previous recording." if stays else "",
+        fleet=before.fleet,
+    )
 
 
-def _key(tuning: ChannelTuning) -> ChannelKey:
+def _key(tuning: ChannelTuning) -> tuple[str, str]:
+    """Name and unit: what must be the same for settings to stay."""
     return tuning.name, tuning.unit
-
-
-def _listed(names: list[str]) -> str:
-    more = f" and {len(names) - MAX_NAMED} more" if len(names) > MAX_NAMED else ""
-    return ", ".join(one_line(name)[:40] for name in names[:MAX_NAMED]) + more
 
 
 def not_fitted(recording: Recording, name: str) -> Outcome:
     """A harmless filter, until there is a better one."""
     r = noise_scale(recording.channel(name))
     start = ChannelTuning(name, recording.units[recording.index(name)], r, r, how=NOT_FITTED)
-    return Outcome(NOT_FITTED, "", start, start)
+    return Outcome(None, NOT_FITTED, "", before=start, after=start)
 
 
 def with_first_answer(state: State) -> State:
     """The state with the filter of the channel on screen found, where that was left for later."""
-    if state.settings.starts[state.index].how != NOT_FITTED:
+    if state.firsts[state.index].how != NOT_FITTED:
         return state
     return with_firsts(state, (first_answer(state.recording, state.channel),))
 
 
 def later_answers(state: State) -> Iterator[tuple[Outcome, ...]]:
     """What is found in the channels that were left for later: first in that on screen, then in the others."""
-    starts = state.settings.starts[:MOST_CHANNELS] if state.live is None else ()
-    if state.live is None and state.settings.starts[state.index].how == NOT_FITTED:
+    if state.live is not None:
+        return
+    late = [one.before.name for one in state.firsts[:MOST_CHANNELS] if one.how == NOT_FITTED]
+    if state.firsts[state.index].how == NOT_FITTED:
         yield (first_answer(state.recording, state.channel),)
-    late = [one.name for one in starts if one.how == NOT_FITTED and one.name != state.channel]
-    if late:
-        yield tuple(first_answer(state.recording, name, MOST_FITTED // len(starts)) for name in late)
+    if others := [name for name in late if name != state.channel]:
+        most = MOST_FITTED // min(len(state.firsts), MOST_CHANNELS)
+        yield tuple(first_answer(state.recording, name, most) for name in others)
 
 
 def with_firsts(state: State, firsts: tuple[Outcome, ...]) -> State:
     """The state with what was found of channels that were not fitted yet; what was set since then stays."""
-    found, settings = {one.before.name: one for one in firsts}, state.settings
-    starts = settings.starts
-
-    def known(each: tuple[ChannelTuning, ...]) -> tuple[ChannelTuning, ...]:
-        pairs = zip(each, starts, strict=True)
-        late = (one == start and one.how == NOT_FITTED and one.name in found for one, start in pairs)
-        return tuple(found[one.name].before if is_late else one for one, is_late in zip(each, late, strict=True))
-
-    return state.with_settings(
-        starts=known(starts),
-        tunings=known(settings.tunings),
-        firsts=tuple(found.get(one.before.name, one) if one.how == NOT_FITTED else one for one in settings.firsts),
-    )
+    late = {one.before.name: one for one in firsts}
+    found = tuple(late.get(one.before.name, one) if one.how == NOT_FITTED else one for one in state.firsts)
+    each = zip(state.tunings, state.firsts, found, strict=True)
+    tunings = tuple(new.before if tuning == old.before else tuning for tuning, old, new in each)
+    return replace(state, firsts=found, tunings=tunings)
 
 
 def first_answer(recording: Recording, name: str, most: int = MOST_FITTED) -> Outcome:
@@ -149,16 +132,7 @@ def first_answer(recording: Recording, name: str, most: int = MOST_FITTED) -> Ou
     found = find_parameters(recording.channel(name)[part], dt=dt, sample_period=recording.sample_period)
     assert found.params is not None
     start = ChannelTuning.of_params(name, recording.units[recording.index(name)], found.params, found.how)
-    return Outcome(found.how, found.message, start, start, found.estimate, found.request, found.costs)
-
-
-def opened_with(recording: Recording, tuning: Tuning) -> State:
-    """A state at the values of a tuning file; its note says what had to be adapted.
-
-    Raises:
-        BadSetting: none of the recording's channels is in the file.
-    """
-    return adapted(opened_raw(recording), tuning)
+    return Outcome(**vars(found), before=start, after=start)
 
 
 def adapted(state: State, tuning: Tuning) -> State:
@@ -175,16 +149,12 @@ def adapted(state: State, tuning: Tuning) -> State:
     elif state.live is None and period and own is None:
         state = with_sample_period(state, period)
     entries, notes = adapt_tuning(state.recording, tuning)
-    tunings = tuple(
-        replace(entries[own.name], name=own.name, unit=own.unit) if own.name in entries else own
-        for own in state.settings.tunings
-    )
+    tunings = tuple(replace(entries.get(own.name, own), name=own.name, unit=own.unit) for own in state.tunings)
     channel = tuning.selected if tuning.selected in entries else next(iter(entries))
     note = " ".join(f"{note[:1].upper()}{note[1:]}." for note in notes)
-    state = state.with_settings(tunings=tunings).with_open(channel=channel, fused=False)
+    state = replace(state, tunings=tunings, channel=channel, shows_fused=False)
     state, missing = _with_fusion_of(tuning, state)
-    note = f"{note} {missing}".strip()
-    return state.with_answers(outcome=None, note=note)
+    return replace(state, searched=None, note=f"{note} {missing}".strip())
 
 
 def _with_fusion_of(tuning: Tuning, state: State) -> tuple[State, str]:
@@ -195,10 +165,11 @@ def _with_fusion_of(tuning: Tuning, state: State) -> tuple[State, str]:
     if period is not None and tuning.sample_period is not None and not same_period(period, tuning.sample_period):
         fused = tuning.rescaled(period).fusion or fused
     name = name_of_fused(state.recording) if fused.name in state.recording.names else fused.name
-    fusion = Fusion(replace(fused, name=name), replace(fused, name=name))
+    fused = replace(fused, name=name)
     if not set(fused.sensors) <= set(state.recording.names):
-        return state, f"The sensors that the file fuses are not all here: {_listed(list(fused.sensors))}."
-    return state.with_fusion(fusion), ""
+        names = ", ".join(map(one_line, fused.sensors))[:120]
+        return state, f"The sensors that the file fuses are not all here: {names}."
+    return state.with_fusion(Fusion(fused, fused)), ""
 
 
 def opened_experiment(name: str, before: State | None = None) -> State:
@@ -209,9 +180,12 @@ def opened_experiment(name: str, before: State | None = None) -> State:
     """
     recording, filters = open_experiment(name)
     state = opened(recording, before, tuple(first_answer(recording, name) for name in recording.names))
-    chosen = [filters[channel] for channel in recording.names]
-    tunings = tuple(map(_tuning_of, state.settings.tunings, chosen))
-    return state.with_settings(tunings=tunings, starts=tunings).with_answers(note="")
+    chosen = (filters[name] for name in recording.names)
+    firsts = tuple(
+        replace(first, before=_tuning_of(first.before, one), after=None)
+        for first, one in zip(state.firsts, chosen, strict=True)
+    )
+    return replace(state, firsts=firsts, tunings=tuple(one.before for one in firsts), note="")
 
 
 def _tuning_of(start: ChannelTuning, chosen: Filter) -> ChannelTuning:
@@ -220,9 +194,7 @@ def _tuning_of(start: ChannelTuning, chosen: Filter) -> ChannelTuning:
         return replace(start, chain=None, paper=chosen)
     if not isinstance(chosen, StandardFilter):
         return start
-    params = chosen.params
-    p0, x0 = (None if value is None else float(value) for value in (params.p0, params.x0))
-    return ChannelTuning(start.name, start.unit, params.q, float(params.r), p0, x0, "source document")
+    return ChannelTuning.of_params(start.name, start.unit, chosen.params, "source document")
 
 
 def with_sample_period(state: State, period: float | None) -> State:
@@ -231,12 +203,10 @@ def with_sample_period(state: State, period: float | None) -> State:
     Raises:
         BadSetting: it is not a valid period.
     """
-    recorded = state.open.as_read or state.recording
-    if period is None:
-        open_now = replace(state.open, recording=recorded, typed_period=None, as_read=None)
-    else:
-        open_now = replace(state.open, recording=timed(recorded, period), typed_period=period, as_read=recorded)
-    return replace(state, open=open_now).with_reset_view(window=None).with_answers(outcome=None)
+    recorded = state.as_read or state.recording
+    recording, as_read = (recorded, None) if period is None else (timed(recorded, period), recorded)
+    changed = replace(state, recording=recording, typed_period=period, as_read=as_read, searched=None)
+    return changed.with_reset_view(window=None)
 
 
 def timed(recording: Recording, sample_period: float) -> Recording:

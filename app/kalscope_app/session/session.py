@@ -10,7 +10,7 @@ from enum import StrEnum
 from typing import Protocol
 
 from kalscope.sources.live.source import LiveSource
-from kalscope_app.session.live_changes import refreshed, with_current_samples, without_samples
+from kalscope_app.session.changes import refreshed, with_current_samples, without_samples
 from kalscope_app.session.opening import with_firsts
 from kalscope_app.session.state import NO_CONNECTION, Change, ConnectionState, State
 
@@ -46,7 +46,7 @@ class History:
 
 def record(history: History, before: State, after: State, key: str, now: float) -> History:
     """Remember `before` if `after` differs in what the user tunes; the view and late first answers do not count."""
-    if _tuned(before) == _tuned(after) or _tuned(with_firsts(before, after.settings.firsts)) == _tuned(after):
+    if _tuned(after) in (_tuned(before), _tuned(with_firsts(before, after.firsts))):
         return history
     if key and key == history.key and (key.startswith(HELD) or now - history.time < SAME_GESTURE):
         return replace(history, future=(), time=now)
@@ -55,7 +55,7 @@ def record(history: History, before: State, after: State, key: str, now: float) 
 
 
 def _tuned(state: State) -> tuple[object, ...]:
-    return state.record_key, state.channel, state.open.fused, state.settings
+    return state.record_key, state.channel, state.shows_fused, state.settings
 
 
 def step(history: History, present: State, *, back: bool) -> tuple[History, State]:
@@ -75,21 +75,16 @@ def _seen_as(present: State, other: State) -> State:
     if not (same_record and present.channel == other.channel):
         view = replace(view, resets=view.resets + 1)
     live = present.live if same_record else other.live  # following and pausing belong to the view
+    now = with_firsts(other, present.firsts) if same_record else other
     # What a board has taken stays taken, and what it measured stays measured.
-    now = replace(other, sent=present.sent, calibration=present.calibration, fleet=present.fleet)
-    now = with_firsts(now, present.settings.firsts) if same_record else now
-    return replace(now, view=view, live=live).with_answers(note="")
+    stays = {name: getattr(present, name) for name in ("sent", "calibration", "fleet")}
+    return replace(now, view=view, live=live, note="", **stays)
 
 
 def _within_limits(past: tuple[State, ...]) -> tuple[State, ...]:
-    kept: list[State] = []
-    seen: set[tuple[int, int]] = set()
-    for state in reversed(past[-LIMIT:]):
-        seen.add(state.record_key)
-        if len(seen) > RECORDINGS:
-            break
-        kept.append(state)
-    return tuple(reversed(kept))
+    keys = dict.fromkeys(state.record_key for state in reversed(past))
+    newest = list(keys)[:RECORDINGS]
+    return tuple(state for state in past[-LIMIT:] if state.record_key in newest)
 
 
 # The session: the present State, its history, and the requests that wait for the engine. No viser here.
@@ -100,15 +95,12 @@ def _within_limits(past: tuple[State, ...]) -> tuple[State, ...]:
 class Failed(StrEnum):
     """What failed: the heading of a refusal, given where the request is filed or the job is started."""
 
-    OPEN = "Cannot open file"
-    FLEET = "Cannot open fleet"
+    OPEN = "Cannot open"
     CONNECT = "Cannot open port"
     RECORD = "Cannot record"
     NUMBER = "Not a valid number"
     FIND = "Cannot find q and r"
     FUSE = "Cannot fuse sensors"
-    GENERATE = "Cannot generate signal"
-    REPRODUCE = "Cannot compute page"
     SAVE = "Cannot save"
     EXPORT = "Cannot export"
     SEND = "Cannot send to the board"
@@ -136,14 +128,6 @@ class Boards(Protocol):
 
     def look_at(self, board: LiveSource | None) -> None:
         """This board is on screen now; None: none is."""
-        ...
-
-
-@dataclass(frozen=True)
-class _Request:
-    key: str
-    change: Change
-    failed: Failed
 
 
 class Session:
@@ -154,7 +138,7 @@ class Session:
         self._state, self._boards = state, boards
         self._history = History()
         self._lock = threading.Lock()
-        self._waiting: list[_Request] = []
+        self._waiting: list[tuple[str, Change, Failed]] = []
         self._serial = 0
         self.wakeup = threading.Event()
 
@@ -168,9 +152,9 @@ class Session:
         """
         with self._lock:
             self._serial += 1
-            if key and self._waiting and self._waiting[-1].key == key:
+            if key and self._waiting and self._waiting[-1][0] == key:
                 self._waiting.pop()
-            self._waiting.append(_Request(key, change, failed))
+            self._waiting.append((key, change, failed))
             serial = self._serial
         self.wakeup.set()
         return serial
@@ -194,47 +178,40 @@ class Session:
         failures: list[tuple[Failed, Exception]] = []
         self._refresh()
         now = time.monotonic()
-        for request in waiting:
+        for key, change, failed in waiting:
             try:
-                self._apply(request, now)
+                self._apply(change, key, now)
             except Exception as error:  # whatever it is, the dashboard continues and reports it
-                failures.append((request.failed, error))
+                failures.append((failed, error))
         if waiting:  # another board may be on screen now, or no longer be paused
             self._refresh()
         if self._boards is not None:
-            self._boards.look_at(self._board)
+            self._boards.look_at(self.board)
         return self._state, serial, failures
 
     def _refresh(self) -> None:
-        if self._boards is not None and self._board is not None:
-            self._state = refreshed(self._state, self._board.snapshot())
+        if self._boards is not None and self.board is not None:
+            self._state = refreshed(self._state, self.board.snapshot())
 
     @property
-    def _board(self) -> LiveSource | None:
-        return None if self._state.live is None else self._state.live.board
+    def board(self) -> LiveSource | None:
+        """The board whose samples come in; None for a finished record."""
+        return self._state.live and self._state.live.board
 
     def connection(self) -> ConnectionState:
         """The state of the connection to the board on screen now."""
-        return NO_CONNECTION if self._boards is None else self._boards.state(self._board)
+        return NO_CONNECTION if self._boards is None else self._boards.state(self.board)
 
-    def _apply(self, request: _Request, now: float) -> None:
-        back = request.change is undo
-        if back or request.change is redo:
-            if not (self._history.past if back else self._history.future):
-                note = f"There is nothing to {'undo' if back else 'redo'}."
-                self._state = self._state.with_answers(note=note)
-                return
-            self._history, kept = step(self._history, without_samples(self._state), back=back)
-            self._state = with_current_samples(kept, self._state)
-            self._refresh()  # a later request of the same turn needs the samples, which the history does not keep
-        else:
-            after = request.change(self._state)
-            self._history = record(
-                self._history, without_samples(self._state), without_samples(after), request.key, now
-            )
-            self._state = after
-
-    @property
-    def is_live(self) -> bool:
-        """Whether samples come in that the screen should show."""
-        return self._state.live is not None
+    def _apply(self, change: Change, key: str, now: float) -> None:
+        present = without_samples(self._state)
+        if change is not undo and change is not redo:
+            after = change(self._state)
+            self._history, self._state = record(self._history, present, without_samples(after), key, now), after
+            return
+        history, kept = step(self._history, present, back=change is undo)
+        if history is self._history:
+            note = f"There is nothing to {change.__name__}."
+            self._state = replace(self._state, note=note)
+            return
+        self._history, self._state = history, with_current_samples(kept, self._state)
+        self._refresh()  # a later request of the same turn needs the samples, which the history does not keep

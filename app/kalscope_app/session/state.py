@@ -16,12 +16,11 @@ from numpy.typing import NDArray
 from kalscope.common.numbers import Array, Indices
 from kalscope.common.text import trimmed
 from kalscope.errors import BadSetting
-from kalscope.estimation.request import Request
+from kalscope.estimation.request import FitResult
 from kalscope.estimation.result import Estimate
-from kalscope.estimation.settings import Cost
 from kalscope.export.board import Calibrated, Measurement
 from kalscope.export.float32 import Float32Params
-from kalscope.filtering.classic import Chain, OneEuro
+from kalscope.filtering.classic import OneEuro
 from kalscope.filtering.filter import Filter
 from kalscope.filtering.params import MAX_VARIANCE, FilterParams
 from kalscope.recording import Recording
@@ -65,10 +64,6 @@ class View:
     """How often the view was reset: a new number makes the charts forget their zoom."""
 
 
-AS_OPENED = View()
-"""The view at first."""
-
-
 # Settings kept beside the current one: pinned as A, B, C … with a colour, at most eight a channel.
 
 
@@ -103,19 +98,6 @@ class Variant:
         return (DARK if dark else LIGHT)[self.number]
 
 
-def pinned(tuning: ChannelTuning, variants: tuple[Variant, ...]) -> Variant:
-    """A new variant of a channel that has `variants` already: under the first letter and colour that are free.
-
-    Raises:
-        BadSetting: there are as many as can be told apart.
-    """
-    if len(variants) >= MAX_VARIANTS:
-        raise BadSetting(
-            f"a channel must have at most {MAX_VARIANTS} pinned settings: delete one first (got {MAX_VARIANTS})"
-        )
-    return Variant(min(set(range(MAX_VARIANTS)) - {variant.number for variant in variants}), tuning)
-
-
 # What the State knows about a live board: the record as of the last refresh, what it shows, what was sent.
 
 
@@ -134,9 +116,6 @@ class ConnectionState:
     status: LiveStatus | None = None
     """Of the board on screen, or of one that is recorded in the background; None where there is none."""
 
-
-Setting = dict[str, float | Chain | None]
-"""Values of the command line by the names of the parameters."""
 
 NO_CONNECTION = ConnectionState()
 """No board has been connected yet."""
@@ -248,28 +227,17 @@ def scaled_copy(leader: ChannelTuning, own: ChannelTuning, factor: float) -> Cha
 
     The start value x0 is taken over as it is, or, where the scale of the channels differs, left to the channel.
     """
-    p0 = None if leader.p0 is None else _scaled(leader.p0, factor)
-    x0 = leader.x0 if factor == 1.0 else own.x0
+    x0 = leader.x0 if factor == 1.0 or leader.p0 is None else own.x0
     chain = leader.chain
     if chain is not None and isinstance(chain.then, OneEuro):  # only it has a setting with a unit
         chain = replace(chain, then=replace(chain.then, beta=chain.then.beta / math.sqrt(factor)))
-    return replace(
-        own,
-        paper=None,
-        q=_scaled(leader.q, factor),
-        r=_scaled(leader.r, factor),
-        p0=p0,
-        x0=None if p0 is None else x0,
-        gate=leader.gate,
-        momentum=leader.momentum,
-        how=leader.how,
-        chain=chain,
-    )
+    variances = {name: _scaled(getattr(leader, name), factor) for name in ("q", "r", "p0")}
+    return replace(leader, name=own.name, unit=own.unit, paper=None, x0=x0, chain=chain, **variances)
 
 
-def _scaled(variance: float, factor: float) -> float:
-    """The product; 0 stays 0 and nothing else becomes 0."""
-    if variance == 0.0 or factor == 1.0:
+def _scaled(variance: float | None, factor: float) -> float | None:
+    """The product; 0 stays 0 and nothing else becomes 0; None stays None."""
+    if not variance or factor == 1.0:
         return variance
     return min(max(variance * factor, 1e-300), MAX_VARIANCE)
 
@@ -314,8 +282,6 @@ class OpenFleet:
     """Its arrays."""
     order: str = next(iter(ORDERS))
     """How its devices are sorted, one of ORDERS."""
-    at_shared: bool = False
-    """Whether a device is opened at the filter for all; else at its own."""
     find: str = ""
     """What the names of the devices in the table contain, in any letter case; "" = all."""
 
@@ -382,50 +348,53 @@ class Fusion:
         shares = dict.fromkeys(self.tuning.sensors, 0.0)
         return {**shares, **dict(zip(self.used.sensors, self.used.params.shares.tolist(), strict=True))}
 
-    def with_values(self, **values: Any) -> Fusion:
-        """With other values of the fused filter, as of a channel: another r scales the noise of every sensor."""
-        r, before = values.pop("r", None), self.used.as_channel.r
-        if r is not None and r != before:
-            factor = r / before if before > 0.0 else 1.0
-            values["r"] = tuple(min(one * factor, MAX_VARIANCE) for one in self.tuning.r)
-        return replace(self, tuning=replace(self.tuning, **values))
-
-    def with_sensor(self, sensor: str, **values: float) -> Fusion:
-        """With another r or offset of one sensor."""
-        at = self.tuning.sensors.index(sensor)
-        changed = {
-            name: tuple(value if i == at else old for i, old in enumerate(getattr(self.tuning, name)))
-            for name, value in values.items()
-        }
-        return replace(self, tuning=replace(self.tuning, **changed, how="by hand"))
-
-    def with_taking_part(self, sensor: str, takes_part: bool) -> Fusion:
-        """With a sensor dropped, or taking part again.
-
-        Raises:
-            BadSetting: it is the last one.
-        """
-        dropped = self.dropped - {sensor} if takes_part else self.dropped | {sensor}
-        if len(dropped) == len(self.tuning.sensors):
-            raise BadSetting(f"at least one sensor must take part (got {sensor[:40]!r}, the last one, dropped out)")
-        return replace(self, dropped=dropped)
-
     def of_used(self, tuning: ChannelTuning) -> ChannelTuning:
         """The part of a tuning for the sensors that take part."""
         return tuning.of_sensors(name for name in tuning.sensors if name not in self.dropped)
 
 
-# What the user has chosen, as one frozen State of a few small values.
+# What the user has chosen, as one frozen State.
+
+
+@dataclass(frozen=True, kw_only=True)
+class Outcome(FitResult):
+    """What a search for q and r gave on one channel, and what became of it.
+
+    Its goal holds as long as the outcome, which a change of q, r or momentum drops.
+    """
+
+    before: ChannelTuning
+    """The parameters before."""
+    after: ChannelTuning | None
+    """The parameters now; None where nothing usable was found and nothing changed."""
 
 
 @dataclass(frozen=True)
-class OpenRecording:
-    """What is open, how it was read, and which channel is on screen."""
+class State:
+    """All that decides what is on screen."""
 
+    # What is open, how it was read, and which channel is on screen.
     recording: Recording
     """The samples."""
     channel: str
     """The channel on screen, one of recording.names."""
+
+    # The filters of all channels: with the recording and its channel, what Undo restores.
+    tunings: tuple[ChannelTuning, ...]
+    """The parameters of every channel, in the order of recording.names."""
+    firsts: tuple[Outcome, ...] = field(compare=False)
+    """How every channel began, in the same order; Reset goes back there."""
+    pins: tuple[Variant, ...] = ()
+    """Pinned settings of every channel, open or not; `variants` are those of the channel on screen."""
+    elsewhere: tuple[ChannelTuning, ...] = ()
+    """What was tuned for channels of other recordings; it comes back with a channel of that name and unit."""
+    link: str = UNLINKED
+    """Whether the other channels follow the one on screen, one of LINKS."""
+    fused: Fusion | None = None
+    """The filter of several channels that measure one quantity; None = none are fused."""
+    shows_fused: bool = False
+    """Whether the fused value is on screen in place of the channel."""
+
     options: ReadOptions = DEFAULTS
     """What the user decided about reading the file."""
     typed_period: float | None = None
@@ -434,68 +403,13 @@ class OpenRecording:
     """The recording before its sample period was typed; None where it was not."""
     board_choice: str | None = ""
     """The channel said to be the board's own filtered curve; "" = by its name, None = there is none."""
-    fused: bool = False
-    """Whether the fused value is on screen in place of the channel, where sensors are fused."""
 
-
-@dataclass(frozen=True)
-class ChannelSettings:
-    """The filters of all channels: with the open recording and its channel, what Undo restores."""
-
-    tunings: tuple[ChannelTuning, ...]
-    """The parameters of every channel, in the order of recording.names."""
-    starts: tuple[ChannelTuning, ...]
-    """What they were when the recording was opened; Reset goes back there."""
-    pins: tuple[Variant, ...] = ()
-    """Pinned settings of every channel, open or not; `State.variants` are those of the channel on screen."""
-    elsewhere: tuple[ChannelTuning, ...] = ()
-    """What was tuned for channels of other recordings; it comes back with a channel of that name and unit."""
-    link: str = UNLINKED
-    """Whether the other channels follow the one on screen, one of `linked_channels.LINKS`."""
-    fusion: Fusion | None = None
-    """The filter of several channels that measure one quantity; None = none are fused."""
-    firsts: tuple[Outcome, ...] = field(default=(), compare=False)
-    """How each of `starts` was found; () where that is not known."""
-
-
-@dataclass(frozen=True)
-class Outcome:
-    """What the last search for q and r gave on one channel."""
-
-    how: str
-    """How it was searched, in a few words."""
-    message: str
-    """What was found and what it means."""
-    before: ChannelTuning
-    """The parameters before."""
-    after: ChannelTuning | None
-    """The parameters now; None where nothing usable was found and nothing changed."""
-    estimate: Estimate | None = None
-    """The estimate behind it; None where the parameters were chosen."""
-    request: Request | None = None
-    """What was asked for; the goal holds as long as the outcome, which a change of q, r or momentum drops."""
-    costs: tuple[Cost, ...] = ()
-    """What each lag leaves of the noise and loses of the movement; () where that is not known."""
-
-
-@dataclass(frozen=True)
-class Answers:
-    """What was computed or done on request, for the channel on screen."""
-
-    outcome: Outcome | None = None
-    """The last search."""
+    view: View = View()
+    """How it is shown."""
+    searched: Outcome | None = None
+    """The last search on the channel on screen, until a change of q, r, momentum or filter."""
     note: str = ""
     """One sentence on what the last change did, where that needs saying."""
-
-
-@dataclass(frozen=True)
-class State:
-    """All that decides what is on screen."""
-
-    open: OpenRecording
-    settings: ChannelSettings
-    view: View = AS_OPENED
-    answers: Answers = Answers()
     sent: Sent | None = None
     """What was last sent to the live board; None = nothing yet."""
     calibration: BoardCalibration | None = None
@@ -505,39 +419,21 @@ class State:
     fleet: OpenFleet | None = None
     """The fleet that is open beside the recording; like the view, it outlives the recording."""
 
-    def with_open(self, **values: Any) -> State:
-        """The state with other fields of `open`."""
-        return replace(self, open=replace(self.open, **values))
-
-    def with_settings(self, **values: Any) -> State:
-        """The state with other fields of `settings`."""
-        return replace(self, settings=replace(self.settings, **values))
-
     def with_view(self, **values: Any) -> State:
         """The state with other fields of `view`."""
         return replace(self, view=replace(self.view, **values))
-
-    def with_answers(self, **values: Any) -> State:
-        """The state with other fields of `answers`."""
-        return replace(self, answers=replace(self.answers, **values))
 
     def with_reset_view(self, **values: Any) -> State:
         """The state with the zoom of the charts forgotten, and other fields of `view`."""
         return self.with_view(resets=self.view.resets + 1, **values)
 
-    @property
-    def recording(self) -> Recording:
-        """What is open."""
-        return self.open.recording
-
-    @property
-    def channel(self) -> str:
-        """The channel on screen."""
-        return self.open.channel
+    def with_live(self, **values: Any) -> State:
+        """The state with other fields of `live`; itself without a board."""
+        return self if self.live is None else replace(self, live=replace(self.live, **values))
 
     @property
     def index(self) -> int:
-        """Its index among recording.names."""
+        """The index of the channel on screen among recording.names."""
         return self.recording.index(self.channel)
 
     @property
@@ -546,9 +442,19 @@ class State:
         return self.recording.channel(self.channel)
 
     @property
+    def starts(self) -> tuple[ChannelTuning, ...]:
+        """The starting values of every channel."""
+        return tuple(one.before for one in self.firsts)
+
+    @property
+    def settings(self) -> tuple[object, ...]:
+        """The filters of all channels, which Undo restores with the recording and the channel."""
+        return self.tunings, self.starts, self.pins, self.elsewhere, self.link, self.fused
+
+    @property
     def fusion(self) -> Fusion | None:
         """The fused filter that is on screen in place of the channel's own; None = the channel's is."""
-        return self.settings.fusion if self.open.fused else None
+        return self.fused if self.shows_fused else None
 
     @property
     def measured(self) -> tuple[str, ...]:
@@ -563,7 +469,7 @@ class State:
     @cached_property
     def running(self) -> ChannelTuning:
         """The filter that runs: the channel's, or that of the sensors."""
-        return self.settings.tunings[self.index] if self.fusion is None else self.fusion.used
+        return self.tunings[self.index] if self.fusion is None else self.fusion.used
 
     @property
     def readings(self) -> NDArray[np.float64]:
@@ -574,7 +480,7 @@ class State:
     def start(self) -> ChannelTuning:
         """Its starting values."""
         fusion = self.fusion
-        return self.settings.starts[self.index] if fusion is None else fusion.of_used(fusion.start).as_channel
+        return self.firsts[self.index].before if fusion is None else fusion.of_used(fusion.start).as_channel
 
     @cached_property
     def params(self) -> FilterParams:
@@ -585,19 +491,12 @@ class State:
     def variants(self) -> tuple[Variant, ...]:
         """Its pinned settings, in the order in which they were pinned."""
         own = self.tuning
-        return tuple(
-            pin for pin in self.settings.pins if (pin.tuning.name, pin.tuning.unit) == (own.name, own.unit)
-        )
+        return tuple(pin for pin in self.pins if (pin.tuning.name, pin.tuning.unit) == (own.name, own.unit))
 
     @cached_property
     def filter(self) -> Filter:
         """Its filter; where sensors are fused, the one that equals theirs while all answer."""
         return self.tuning.filter
-
-    @cached_property
-    def running_filter(self) -> Filter:
-        """The filter that runs on `readings`."""
-        return self.filter if self.fusion is None else self.running.filter
 
     @property
     def is_standard(self) -> bool:
@@ -622,18 +521,20 @@ class State:
     @property
     def board(self) -> str | None:
         """The channel with the board's own filtered curve, drawn beside ours; None = there is none."""
-        if self.fusion is not None:
-            return None
-        names, choice = self.recording.names, self.open.board_choice
+        choice = self.board_choice
         if choice == "":
             choice = "filtered" if self.channel == "raw" else f"{self.channel}_filtered"  # as the sketch names it
-        return choice if choice in names else None
+        return choice if choice in self.recording.names and self.fusion is None else None
+
+    @property
+    def first(self) -> Outcome | None:
+        """The first answer of the channel on screen; None where that is not known."""
+        return next((one for one in self.firsts if one.before.name == self.channel), None)
 
     @property
     def outcome(self) -> Outcome | None:
         """The search that gave the filter of the channel: the last one, else the first answer while it stays."""
-        first = next((one for one in self.settings.firsts if one.after == self.tuning), None)
-        return self.answers.outcome or first
+        return self.searched or next((one for one in self.firsts if one.after == self.tuning), None)
 
     @property
     def record_key(self) -> tuple[int, int]:
@@ -656,30 +557,31 @@ class State:
 
     def with_standard_filter(self) -> State:
         """The state with the Kalman filter alone for the channel on screen, at the q and r that it has."""
-        if self.filter.is_standard:
-            return self
-        plain = replace(self.tuning, chain=None, paper=None)
-        return self.with_tuning_of(self.index, plain).with_answers(outcome=None, note="")
+        return self if self.filter.is_standard else self.with_tuning(chain=None, paper=None)
 
     def with_tuning(self, **values: Any) -> State:
-        """The state with other parameters for what is on screen; raises what FilterParams raises."""
-        if self.fusion is not None:
-            return self.with_fusion(self.fusion.with_values(**values))
-        changed = replace(self.tuning, **values)
-        same = all(getattr(changed, name) == getattr(self.tuning, name) for name in ("q", "r", "momentum", "chain"))
-        state = self.with_tuning_of(self.index, changed)
-        return state.with_answers(outcome=self.answers.outcome if same else None, note="")
+        """The state with other parameters for what is on screen; raises what FilterParams raises.
+
+        Another r of fused sensors scales the noise of each of them.
+        """
+        fusion, r = self.fusion, values.get("r", self.tuning.r)
+        if fusion is None:
+            return self.with_tuning_of(self.index, replace(self.tuning, **values))
+        factor = r / self.tuning.r if self.tuning.r > 0.0 and r != self.tuning.r else 1.0
+        values["r"] = tuple(min(one * factor, MAX_VARIANCE) for one in fusion.tuning.r)
+        return self.with_fusion(replace(fusion, tuning=replace(fusion.tuning, **values)))
 
     def with_fusion(self, fusion: Fusion | None) -> State:
         """The state with this fused filter on screen; None = the channel's own filter."""
-        state = self.with_settings(fusion=fusion).with_open(fused=fusion is not None)
-        return state.with_answers(outcome=None, note="")
+        return replace(self, fused=fusion, shows_fused=fusion is not None, searched=None, note="")
 
     def with_tuning_of(self, at: int, tuning: ChannelTuning) -> State:
         """The state with other parameters for one channel, by its index; linked channels follow."""
-        settings = self.settings
-        tunings = (*settings.tunings[:at], tuning, *settings.tunings[at + 1 :])
-        return self.with_settings(tunings=apply_to_linked(tunings, settings.starts, at, settings.link))
+        before, names = self.tunings[at], ("q", "r", "momentum", "chain", "paper")
+        same = all(getattr(before, name) == getattr(tuning, name) for name in names)
+        tunings = (*self.tunings[:at], tuning, *self.tunings[at + 1 :])
+        tunings = apply_to_linked(tunings, self.starts, at, self.link)
+        return replace(self, tunings=tunings, searched=self.searched if same else None, note="")
 
     def require_one_channel(self) -> None:
         """BadSetting where fused sensors are on screen: what is asked for is done on one channel."""
@@ -688,7 +590,7 @@ class State:
 
     def require_exportable(self, names: Iterable[str]) -> None:
         """BadSetting where one of these channels runs the Khan et al. filter, which cannot be exported."""
-        tunings = [self.settings.tunings[self.recording.index(name)] for name in names]
+        tunings = [self.tunings[self.recording.index(name)] for name in names]
         other = [one.name for one in tunings if one.paper is not None]
         if other:
             raise BadSetting(
@@ -698,8 +600,8 @@ class State:
 
     def as_tuning(self) -> Tuning:
         """What the tuning file holds."""
-        fusion = None if self.settings.fusion is None else self.settings.fusion.used
-        return Tuning.of(self.recording, self.settings.tunings, selected=self.channel, fusion=fusion)
+        fusion = None if self.fused is None else self.fused.used
+        return Tuning.of(self.recording, self.tunings, selected=self.channel, fusion=fusion)
 
 
 Change = Callable[[State], State]

@@ -10,12 +10,13 @@ import numpy as np
 from kalscope.analysis.diagnostics import Diagnostics, diagnose_held_out, diagnose_run, without_residuals
 from kalscope.analysis.findings import request_in, still_met
 from kalscope.analysis.fused import judge_fusion
-from kalscope.analysis.judge import Judgement, judge, needs_noise
+from kalscope.analysis.judge import Judgement, judge, needs_noise, with_momentum
 from kalscope.analysis.residuals import Run
 from kalscope.analysis.spectrum import AllanDeviation, Spectrum, allan_deviation, magnitude_response, spectrum
 from kalscope.common.numbers import Array
 from kalscope.estimation.fit import estimate
 from kalscope.estimation.methods import METHODS
+from kalscope.estimation.settings import momentum_gain
 from kalscope.estimation.still import find_still_stretch
 from kalscope.export.board import BoardCheck, check_board
 from kalscope.filtering.params import FilterParams
@@ -30,23 +31,12 @@ Stretch = tuple[int, int] | None
 """First sample and one past the last; None = there is none."""
 
 
-class StillStretches:
-    """Finds the stretch and keeps it. One thread at a time."""
-
-    def __init__(self) -> None:
-        self._kept = Cache[Stretch]()
-
-    def of(self, state: State) -> Stretch:
-        """The stretch of the channel on screen; none of a live record, which changes all the time."""
-        if state.live is not None:
-            return None
-        return self._kept.once(
-            lambda: find_still_stretch(state.z, state.dt), state.recording, state.channel, state.recording.gaps
-        )
-
-    def study(self, state: State) -> tuple[State, Stretch]:
-        """The stretch with the state that it belongs to, for the view that offers it."""
-        return state, self.of(state)
+def still_stretch(state: State, kept: Cache[Stretch]) -> Stretch:
+    """The stretch of the channel on screen; none of a live record, which changes all the time."""
+    if state.live is not None:
+        return None
+    scope = state.recording, state.channel, state.recording.gaps
+    return kept.once(lambda: find_still_stretch(state.z, state.dt), *scope)
 
 
 # Whether the live board computes what the screen shows: an idle-time computation.
@@ -78,21 +68,22 @@ class Judged:
     """What was found on a held-out stretch, and what cannot be known."""
 
 
-class FusionJudge:
-    """Judges the fused sensors on screen, and keeps the answer while only the view changes."""
+def judge_sensors(state: State, kept: Cache[Judgement]) -> Judged | None:
+    """The verdict on the fused sensors on screen, in words; None where one channel is on screen.
 
-    def __init__(self) -> None:
-        self._verdicts = Cache[Judgement]()
-
-    def of(self, state: State) -> Judged | None:
-        """The verdict on the fused sensors on screen, in words; None where one channel is on screen."""
-        fusion = state.fusion
-        if fusion is None:
-            return None
-        self._verdicts.begin(state.recording, fusion.used.sensors, state.recording.gaps)
-        judgement = self._verdicts.get(fusion.used.params, lambda: _verdict(state, fusion))
-        half = (judgement.second_half,) if judgement.second_half else ()
-        return Judged(judgement, (*half, *_about_estimate(fusion)))
+    `kept` has the verdict while only the view changes.
+    """
+    fusion = state.fusion
+    if fusion is None:
+        return None
+    kept.begin(state.recording, fusion.used.sensors, state.recording.gaps)
+    judgement = kept.get(fusion.used.params, lambda: _verdict(state, fusion))
+    half = (judgement.second_half,) if judgement.second_half else ()
+    found = fusion.estimate
+    if found is None:
+        return Judged(judgement, half)
+    message = () if found.verdict == "ok" or fusion.dropped else (found.message,)
+    return Judged(judgement, (*half, *message, *found.notes))
 
 
 def _verdict(state: State, fusion: Fusion) -> Judgement:
@@ -105,17 +96,6 @@ def _verdict(state: State, fusion: Fusion) -> Judgement:
         unit=fusion.tuning.unit,
         sample_period=state.recording.sample_period,
     )
-
-
-def _about_estimate(fusion: Fusion) -> tuple[str, ...]:
-    """What cannot be known, and the message of a search that did not find the usual filter."""
-    found = fusion.estimate
-    if found is None:
-        return ()
-    return found.notes if found.verdict == "ok" or fusion.dropped else (found.message, *found.notes)
-
-
-# How well each momentum explains the channel on screen, with the best q and r of each. Computed on request.
 
 
 # Spectra and Allan deviations of raw and filtered signal, for their charts.
@@ -154,20 +134,16 @@ def compute_spectra(state: State) -> Spectra | None:
     period = state.recording.sample_period
     found = spectrum(state.z, state.params, state.dt, period)
     frequency, *densities = log_binned(found.frequency, [found.raw, found.filtered, found.residual], BINS)
-    fine = _response_frequencies(found) if found.samples else np.empty(0)
+    fine = np.empty(0)
+    if found.samples:  # those of the record, and from half the cut-off on where that lies a little below them
+        low, high = float(found.frequency[0]), float(found.frequency[-1])
+        low = 0.5 * found.cutoff if low / MAX_BELOW < found.cutoff < 2.0 * low else low
+        fine = np.geomspace(low, high, BINS)
+        fine = np.union1d(fine, found.cutoff) if low < found.cutoff < high else fine
     response = magnitude_response(state.params, fine * (period or 1.0))
     decibel = 20.0 * np.log10(np.maximum(response, 1e-20))
     raw, filtered, residual = densities
     return Spectra(state, found, frequency, (raw, filtered, residual), fine, decibel)
-
-
-def _response_frequencies(found: Spectrum) -> Array:
-    """Those of the record, and from half the cut-off on where that lies a little below them."""
-    low, high = float(found.frequency[0]), float(found.frequency[-1])
-    if low / MAX_BELOW < found.cutoff < 2.0 * low:
-        low = 0.5 * found.cutoff
-    fine = np.geomspace(low, high, BINS)
-    return np.sort(np.append(fine, found.cutoff)) if low < found.cutoff < high else fine
 
 
 def log_binned(x: Array, ys: list[Array], bins: int) -> tuple[Array, ...]:
@@ -256,19 +232,24 @@ def _of_filter(
     outcome = outcome if outcome and outcome.after is not None else None
     estimate = outcome.estimate if outcome is not None and outcome.after == tuning else None
     asked = request_in(tuning.how, tuning.r) if outcome is None else outcome.request
-    return judge(
+    request = still_met(asked, state.params, state.recording.sample_period)
+    one = judge(
         whole,
         held_out,
         estimate,
-        request=still_met(asked, state.params, state.recording.sample_period),
+        request=request,
         still=still(state) if needs_noise(estimate) else None,
         unit=state.recording.units[state.index],
     )
+    best = None if request is not None and request.goal else state.first and state.first.estimate
+    if best is None:
+        return one
+    return with_momentum(one, float(best.momentum), momentum_gain(state.z, state.dt, state.params, best))
 
 
 def _of_search(state: State, still: Callable[[State], Stretch]) -> Judgement | None:
     """What the last search says where it found no pair for what is on screen."""
-    found = state.answers.outcome
+    found = state.searched
     if found is None or found.after is not None or found.estimate is None:
         return None
     stretch = still(state) if needs_noise(found.estimate) else None

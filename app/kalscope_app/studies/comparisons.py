@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +12,7 @@ from kalscope.analysis.alternatives import Alternative, Comparison, compare_alte
 from kalscope.analysis.diagnostics import Diagnostics, diagnose_run, without_residuals
 from kalscope.analysis.residuals import Run
 from kalscope.common.numbers import Array
+from kalscope.filtering.classic import Chain
 from kalscope.filtering.filter import filter_at
 from kalscope.filtering.steady import SteadyState
 from kalscope.tuning.tuning import ChannelTuning
@@ -42,10 +44,9 @@ class Compared:
         return one.curve[self.drawn.indices[self.inside] - self.found.first]
 
     @property
-    def to_export(self) -> Alternative | None:
+    def to_export(self) -> Chain | None:
         """The one chosen filter that a device can run, if one is chosen."""
-        drawn = self.alternatives
-        return drawn[0] if len(drawn) == 1 and drawn[0].chain is not None else None
+        return self.alternatives[0].chain if len(self.alternatives) == 1 else None
 
     @property
     def alternatives(self) -> tuple[Alternative, ...]:
@@ -54,21 +55,17 @@ class Compared:
         return chosen or self.found.others
 
 
-class AlternativesStudy:
-    """Compares while idle, and keeps the last comparison while only the view changes."""
+def compute_alternatives(state: State, kept: Cache[Comparison]) -> Compared | None:
+    """Compare the Kalman filter of the q and r on screen; None where there is none of one channel.
 
-    def __init__(self) -> None:
-        self._found = Cache[Comparison]()
-
-    def compute(self, state: State) -> Compared | None:
-        """Compare the Kalman filter of the q and r on screen; None where there is none of one channel."""
-        if state.fusion is not None or state.tuning.paper is not None:
-            return None
-        drawn = choose_samples(state.recording, state.channel, state.view.window)
-        window = (drawn.first, drawn.last)
-        stretch = stretch_of(len(state.recording), window)
-        self._found.begin(state.recording, state.channel, state.view.match_by, stretch)
-        return Compared(state, self._found.get(state.params, lambda: _compare(state, window)), drawn)
+    `kept` has the last comparison while only the view changes.
+    """
+    if state.fusion is not None or state.tuning.paper is not None:
+        return None
+    drawn = choose_samples(state.recording, state.channel, state.view.window)
+    window = (drawn.first, drawn.last)
+    kept.begin(state.recording, state.channel, state.view.match_by, stretch_of(len(state.recording), window))
+    return Compared(state, kept.get(state.params, lambda: _compare(state, window)), drawn)
 
 
 def _compare(state: State, window: tuple[int, int]) -> Comparison:
@@ -80,6 +77,7 @@ def _compare(state: State, window: tuple[int, int]) -> Comparison:
         dt=state.dt,
         truth=None if truth is None else truth[:, state.index],
         window=window,
+        model=None if state.first is None or state.first.estimate is None else state.first.estimate.params,
     )
 
 
@@ -127,32 +125,22 @@ class Overview:
     """At most 16 of the channels; none where the recording has only one."""
 
 
-class Overviews:
-    """Computes overviews; what a change does not touch is kept."""
-
-    def __init__(self) -> None:
-        self._drawn = Cache[DrawnSamples]()
-        self._filtered = Cache[Array]()
-
-    def compute(self, state: State) -> Overview:
-        """The overview of a state."""
-        recording, window = state.recording, state.view.window
-        if len(recording.names) < 2:
-            return Overview(state, np.empty(0), ())
-        first, *others = recording.names[:MAX_LANES]
-        drawn = self._drawn.once(
-            lambda: choose_samples(recording, first, window, MAX_LANE_POINTS, others=tuple(others)),
-            recording,
-            window,
-        )
-        at = drawn.indices
-        self._filtered.begin(recording, window)
-        lanes: list[Lane] = []
-        for i, name in enumerate(recording.names[:MAX_LANES]):
-            z, used = recording.values[:, i], state.settings.tunings[i].filter
-            filtered = self._filtered.get((i, used), lambda z=z, used=used: used.denoise(z, state.dt)[at])
-            lanes.append(_lane(name, z, at, filtered))
-        return Overview(state, drawn.time, tuple(lanes))
+def compute_overview(state: State, kept: Cache[Any]) -> Overview:
+    """The overview of a state; `kept` has what the last change did not touch."""
+    recording, window = state.recording, state.view.window
+    if len(recording.names) < 2:
+        return Overview(state, np.empty(0), ())
+    first, *others = recording.names[:MAX_LANES]
+    kept.begin(recording, window)
+    drawn: DrawnSamples = kept.get(
+        None, lambda: choose_samples(recording, first, window, MAX_LANE_POINTS, others=tuple(others))
+    )
+    lanes: list[Lane] = []
+    for i, name in enumerate((first, *others)):
+        z, used = recording.values[:, i], state.tunings[i].filter
+        filtered = kept.get((i, used), lambda z=z, used=used: used.denoise(z, state.dt)[drawn.indices])
+        lanes.append(_lane(name, z, drawn.indices, filtered))
+    return Overview(state, drawn.time, tuple(lanes))
 
 
 def _lane(name: str, z: Array, at: NDArray[np.intp], filtered: Array) -> Lane:
@@ -214,33 +202,22 @@ class VariantComparison:
     """One per setting; empty where the Khan et al. filter runs and nothing is pinned."""
 
     @property
-    def with_momentum(self) -> bool:
-        """Whether a setting has momentum."""
-        return any(row.tuning.momentum for row in self.rows)
-
-    @property
     def with_chain(self) -> bool:
         """Whether a setting is a chain of filters."""
         return any(row.tuning.chain for row in self.rows)
 
 
-class VariantTable:
-    """Computes tables and keeps what was measured, so that a gesture measures the present setting alone."""
-
-    def __init__(self) -> None:
-        self._measures = Cache[Measures]()
-
-    def compute(self, state: State) -> VariantComparison:
-        """The table of a state."""
-        self._measures.begin(state.recording, state.channel)
-        other = state.fusion is not None or state.tuning.paper is not None
-        present = [] if other else [(None, state.tuning)]
-        settings = [*present, *((variant, variant.tuning) for variant in state.variants)]
-        rows = [
-            VariantRow(variant, one, self._measures.get(one.filter, lambda one=one: measure(state, one)))
-            for variant, one in settings
-        ]
-        return VariantComparison(state, tuple(rows))
+def compute_variants(state: State, kept: Cache[Measures]) -> VariantComparison:
+    """The table of a state; `kept` has what was measured, so that a gesture measures the present setting alone."""
+    kept.begin(state.recording, state.channel)
+    other = state.fusion is not None or state.tuning.paper is not None
+    present = [] if other else [(None, state.tuning)]
+    settings = [*present, *((variant, variant.tuning) for variant in state.variants)]
+    rows = [
+        VariantRow(variant, one, kept.get(one.filter, lambda one=one: measure(state, one)))
+        for variant, one in settings
+    ]
+    return VariantComparison(state, tuple(rows))
 
 
 def measure(state: State, tuning: ChannelTuning) -> Measures:

@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from kalscope.common.numbers import Array, Indices, Mask
+from kalscope.common.numbers import Array, Indices
 from kalscope.common.text import count
 from kalscope.estimation.fit import estimate
 from kalscope.estimation.likelihood import Profile, likelihood_contour, loglik_map
@@ -71,11 +71,6 @@ class MapFrame:
         q, r = point
         return min(max(q, self.q[0]), self.q[1]), min(max(r, self.r[0]), self.r[1])
 
-    def share(self, top: float, bottom: float) -> tuple[float, float, float, float]:
-        """A strip as wide as the map from `top` to `bottom`, pixels: left, bottom, width, height in shares."""
-        left, up = self.left / self.width, 1.0 - bottom / self.height
-        return left, up, self.right / self.width - left, (bottom - top) / self.height
-
     def inside(self, pixel: Point) -> bool:
         """Whether a pixel lies in the rectangle or on its edge."""
         return self.left <= pixel[0] <= self.right and self.top <= pixel[1] <= self.bottom
@@ -107,15 +102,11 @@ def decades(low: int, high: int, most: int = 9) -> list[int]:
     return [e for e in range(low, high + 1) if e % step == 0]
 
 
-# The devices of a fleet on the tuning map: a density, the outliers as points, the filter for all. Pure: numpy.
+# The devices of a fleet on the tuning map, and the filter for all. Pure: numpy.
 #
 # Exponents are log₁₀ of q and r in unit².
 
 
-MAX_POINTS = 1000
-"""Devices drawn as points, at most; of a larger fleet the outliers are, and all of it is a density."""
-CELLS = (142, 213)
-"""Cells of the density along q and r, each about two pixels of the page wide."""
 LOSSES = (0.1, 0.3)
 """Growth of the prediction error at which the colour of a device changes."""
 LOSS_WORDS = ("loses less than 10 %", "10 to 30 %", "above 30 %", "too short to tell")
@@ -130,35 +121,28 @@ class FleetLayer:
 
     fleet: Fleet
     """Whose devices they are."""
-    density: Array | None
-    """Share of colour in each cell, 0 = no device … 1, shape (rows, columns), row 0 at the lowest r; None where
-    every device is a point."""
     devices: Indices
-    """The rows of the points, shape (k,); the most remarkable one last."""
+    """The rows of those with q and r, shape (k,); the most remarkable one last."""
     points: Array
     """Their exponents (q, r), clamped to the map, shape (k, 2)."""
     classes: Indices
     """Which of `words` each belongs to, shape (k,)."""
     words: tuple[str, ...]
-    """What the classes are, each with how many devices of the fleet are in it; "" for one without any."""
+    """What the classes are, each with how many devices are in it; "" for one without any."""
     shared: Point | None
     """The filter for all; None where there is none."""
     ratio_ends: tuple[float, float] | None
     """log₁₀ of the q/r that the fleet allows, 95 %; None where it is not known."""
 
-    @property
-    def unit(self) -> str:
-        """The unit of most devices."""
-        return self.fleet.devices.unit
-
     def nearest(self, frame: MapFrame, pixel: Point) -> int | None:
         """The row whose point is nearest to a pixel of the picture; None where no point is near."""
         if not len(self.points):
             return None
-        pixels = np.array([frame.pixel((q, r)) for q, r in self.points.tolist()])
-        away = np.hypot(*(pixels - pixel).T)[::-1]  # of two at the same place, the one on top
+        across = (frame.right - frame.left) / (frame.q[1] - frame.q[0])
+        up = (frame.bottom - frame.top) / (frame.r[1] - frame.r[0])
+        away = np.hypot(*((self.points - frame.point(pixel)) * (across, up)).T)[::-1]  # first those on top
         at = int(np.argmin(away))
-        return int(self.devices[len(away) - 1 - at]) if away[at] <= REACH else None
+        return int(self.devices[::-1][at]) if away[at] <= REACH else None
 
 
 def fleet_layer(open_fleet: OpenFleet, q: Range, r: Range) -> FleetLayer:
@@ -171,41 +155,23 @@ def fleet_layer(open_fleet: OpenFleet, q: Range, r: Range) -> FleetLayer:
     """
     fleet = open_fleet.fleet
     usable = np.flatnonzero(fleet.devices.usable)
+    usable = usable[np.argsort(np.nan_to_num(fleet.distance[usable], posinf=1e9), kind="stable")]
     logs = np.stack([np.log10(values[usable]) for values in (fleet.devices.q, fleet.devices.r)], axis=1)
-    logs = np.clip(logs, (q[0], r[0]), (q[1], r[1]))
     growth = fleet.growth[usable]
     classes = np.where(np.isnan(growth), len(LOSSES) + 1, np.searchsorted(LOSSES, growth, side="left"))
     sizes = np.bincount(classes, minlength=len(LOSS_WORDS)).tolist()
-    chosen = _points(fleet, usable)
-    few = len(chosen) == len(usable)
     shared = fleet.shared
     ends = None if shared is None else shared.ratio_interval
     known = ends is not None and 0.0 < ends[0] <= ends[1] < math.inf
     return FleetLayer(
         fleet=fleet,
-        density=None if few else _density(logs, q, r),
-        devices=usable[chosen],
-        points=logs[chosen],
-        classes=classes[chosen],
+        devices=usable,
+        points=np.clip(logs, (q[0], r[0]), (q[1], r[1])),
+        classes=classes,
         words=tuple(f"{word}: {count(size)}" if size else "" for word, size in zip(LOSS_WORDS, sizes, strict=True)),
         shared=None if shared is None else exponents_of(shared.params.q, float(shared.params.r)),
         ratio_ends=(math.log10(ends[0]), math.log10(ends[1])) if known and ends is not None else None,
     )
-
-
-def _points(fleet: Fleet, usable: Indices) -> Indices:
-    """Which of the devices with q and r are points, the most remarkable last: of a large fleet the odd ones."""
-    order = np.argsort(np.nan_to_num(fleet.distance[usable], posinf=1e9), kind="stable")
-    if len(usable) <= MAX_POINTS:
-        return order
-    odd: Mask = fleet.outlier[usable] | (np.nan_to_num(fleet.growth[usable]) > LOSSES[-1])
-    return order[odd[order]][-MAX_POINTS:]
-
-
-def _density(logs: Array, q: Range, r: Range) -> Array:
-    """Devices in each cell, by their logarithm, as shares of the fullest one."""
-    devices = np.histogram2d(logs[:, 1], logs[:, 0], CELLS[::-1], (r, q))[0]
-    return np.log1p(devices) / np.log1p(devices.max())
 
 
 # State -> TuningMap: how well every pair (q, r) does on the channel on screen. No viser here.
@@ -243,10 +209,8 @@ class Scan:
 class TuningMap:
     """What is drawn in the middle of the screen; compared by identity."""
 
-    q: Range
-    """Exponents of q at the left and the right edge."""
-    r: Range
-    """Exponents of r at the bottom and the top edge."""
+    frame: MapFrame
+    """Where it lies in its picture, and what its edges mean."""
     values: Array
     """Log-likelihood at the centres of the cells, shape (CELLS, CELLS), row 0 at the lowest r."""
     shade: Array
@@ -259,41 +223,31 @@ class TuningMap:
     """Exponents (q, r) around the 95 % region, shape (k, 2)."""
     note: str
     """What the map does not take into account, or why there is none."""
-    momentum: float = 0.0
-    """Momentum of every filter on it, samples."""
     fleet: FleetLayer | None = None
     """The devices of an open fleet."""
 
 
-class MapMaker:
-    """Computes the map of a state and keeps what it can for the next. One thread at a time."""
+def compute_map(state: State, kept: Cache[Any]) -> TuningMap:
+    """The map of a state; `kept` has the last one, and all that a move of q, r or the window does not change."""
+    if not state.is_standard:
+        fused = "The tuning map is for one channel: choose one above the tabs."
+        other = "The tuning map is that of the Kalman filter alone: another filter runs now."
+        return nothing(other if state.fusion is None else fused)
+    kept.begin(state.recording, state.channel, state.tuning.momentum)
+    scan = kept.get(None, lambda: scan_recording(state))
+    frame, note, fleet = frame_of(state, scan), note_of(state, scan), state.fleet
 
-    def __init__(self) -> None:
-        self._scans, self._maps = Cache[Scan](), Cache[TuningMap]()
+    def draw() -> TuningMap:
+        drawn = draw_map(scan, frame, note)
+        return drawn if fleet is None else replace(drawn, fleet=fleet_layer(fleet, frame.q, frame.r))
 
-    def __call__(self, state: State) -> TuningMap:
-        """The map of a state; the same object while nothing of it has changed."""
-        if not state.is_standard:
-            fused = "The tuning map is for one channel: choose one above the tabs."
-            other = "The tuning map is that of the Kalman filter alone: another filter runs now."
-            return nothing(other if state.fusion is None else fused)
-        signal = state.recording, state.channel, state.tuning.momentum
-        scan = self._scans.once(lambda: scan_recording(state), *signal)
-        q, r = map_ranges(state, scan)
-        note = " ".join(filter(None, (limits_of(state), spikes_left_out(scan))))
-        fleet = state.fleet
-
-        def draw() -> TuningMap:
-            drawn = draw_map(scan, q, r, note)
-            return drawn if fleet is None else replace(drawn, fleet=fleet_layer(fleet, q, r))
-
-        return self._maps.once(draw, scan, q, r, note, fleet)
+    return kept.get((frame, note, fleet), draw)
 
 
 def nothing(why: str) -> TuningMap:
     """A map with only a sentence on it."""
     empty = np.zeros((1, 1))
-    return TuningMap((-1, 1), (-1, 1), empty, empty, (), None, None, why)
+    return TuningMap(MapFrame((-1, 1), (-1, 1)), empty, empty, (), None, None, why)
 
 
 def scan_recording(state: State) -> Scan:
@@ -312,7 +266,7 @@ def scan_recording(state: State) -> Scan:
     return Scan(best, scan(z, dt=dt), line, momentum)
 
 
-def map_ranges(state: State, scan: Scan) -> tuple[Range, Range]:
+def frame_of(state: State, scan: Scan) -> MapFrame:
     """Exponents at the edges: around the signal's own noise, wider for the present, best and pinned pairs."""
     centre = round(math.log10(state.start.r)) if state.start.r > 0.0 else 0
     pairs = [(state.tuning.q, state.tuning.r), (float(scan.best.q), float(scan.best.r))]
@@ -327,7 +281,7 @@ def map_ranges(state: State, scan: Scan) -> tuple[Range, Range]:
         return max(low, -300), min(high, 300)
 
     q, r = zip(*pairs, strict=True)
-    return reach("q", list(q)), reach("r", list(r))
+    return MapFrame(reach("q", list(q)), reach("r", list(r)), scan.momentum)
 
 
 def exponents_of(q: float, r: float) -> Point:
@@ -335,22 +289,18 @@ def exponents_of(q: float, r: float) -> Point:
     return math.log10(q) if q > 0.0 else -math.inf, math.log10(r) if r > 0.0 else -math.inf
 
 
-def spikes_left_out(scan: Scan) -> str:
-    """That spikes were set aside, in a sentence; "" where none were."""
-    aside = scan.best.outliers
-    return "" if aside is None or not aside.any() else f"Spikes ({count(int(aside.sum()))}) count as missing."
-
-
-def limits_of(state: State) -> str:
-    """What of the present filter the map does not take into account, in a sentence; "" if all is."""
-    tuning = state.tuning
+def note_of(state: State, scan: Scan) -> str:
+    """What the map does not take into account, in sentences; "" if nothing."""
+    tuning, aside = state.tuning, scan.best.outliers
     values = {"start value": tuning.x0, "initial variance p0": tuning.p0, "outlier gate": tuning.gate}
     left_out = [words for words, value in values.items() if value is not None]
-    said = [f"Drawn without {' and '.join(left_out)}."] if left_out else []
     elsewhere = [one.name for one in state.variants if one.tuning.momentum != tuning.momentum]
-    if elsewhere:
-        said.append(f"This map does not apply to {', '.join(elsewhere)}: pinned at another momentum.")
-    return " ".join(said)
+    notes = (
+        left_out and f"Drawn without {' and '.join(left_out)}.",
+        elsewhere and f"This map does not apply to {', '.join(elsewhere)}: pinned at another momentum.",
+        aside is not None and aside.any() and f"Spikes ({count(int(aside.sum()))}) count as missing.",
+    )
+    return " ".join(note for note in notes if isinstance(note, str))
 
 
 def cell_exponents(ends: Range) -> Array:
@@ -359,15 +309,14 @@ def cell_exponents(ends: Range) -> Array:
     return low + (np.arange(TUNING_MAP_CELLS) + 0.5) * (high - low) / TUNING_MAP_CELLS
 
 
-def draw_map(scan: Scan, q: Range, r: Range, note: str) -> TuningMap:
+def draw_map(scan: Scan, frame: MapFrame, note: str) -> TuningMap:
     """Fill the cells."""
     if scan.profile is None:
         return nothing(str(scan.best.message))
-    log_q, log_r = LN10 * cell_exponents(q), LN10 * cell_exponents(r)
-    values = loglik_map(scan.profile, log_q, log_r)
+    values = loglik_map(scan.profile, LN10 * cell_exponents(frame.q), LN10 * cell_exponents(frame.r))
     shade, marks = shade_of_loglik(values, float(scan.best.loglik))
     best = exponents_of(float(scan.best.q), float(scan.best.r))
-    return TuningMap(q, r, values, shade, marks, best, scan.contour, note, scan.momentum)
+    return TuningMap(frame, values, shade, marks, best, scan.contour, note)
 
 
 def shade_of_loglik(values: Array, best: float) -> tuple[Array, tuple[tuple[float, float], ...]]:

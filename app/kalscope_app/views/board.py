@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import threading
 import time
 from collections.abc import Callable
 
@@ -14,12 +13,12 @@ from kalscope.export.board import Calibrated, measured_text, set_kept
 from kalscope_app.engine.frame import Frame
 from kalscope_app.engine.jobs import Jobs
 from kalscope_app.live import BoardConnection, measured_by_board, send_setting, takes_no_values
-from kalscope_app.session import live_changes
-from kalscope_app.session.live_changes import set_sent
+from kalscope_app.session import changes
+from kalscope_app.session.changes import set_sent
 from kalscope_app.session.session import Failed, Session
 from kalscope_app.session.state import BoardCalibration, Sent, State
 from kalscope_app.studies.checks import compare_with_board
-from kalscope_app.views.widgets import capitalised, escape_markdown, on_user, put
+from kalscope_app.views.widgets import SlowJob, add_button, capitalised, escape_markdown, put
 
 # The folder "Noise measured by the board" of the Export tab, for a board that runs the exported sketch.
 
@@ -37,36 +36,28 @@ class CalibrationView:
     ) -> None:
         self._session, self._tell, self._connection = session, tell, connection
         self._jobs = Jobs(tell)  # a measurement takes minutes: no search should wait for it
-        self._stop, self._ended = threading.Event(), 0.0
+        self._ended = 0.0
         self._running: float | None = None  # length of the running measurement, s
         with gui.add_folder("Noise measured by the board", visible=False) as self._folder:
-            self._seconds = gui.add_text(
-                "measure for (s)", "10", hint="Keep what the sensor measures constant for this long."
-            )
-            self._start = gui.add_button(
-                "Let the board measure r",
-                hint="It then uses that r, and the q that keeps the lag of its export. Its filter keeps running.",
-            )
-            self._progress = gui.add_progress_bar(0.0, visible=False)
+            hint = "Keep what the sensor measures constant for this long."
+            self._seconds = gui.add_text("measure for (s)", "10", hint=hint)
+            hint = "It then uses that r, and the q that keeps the lag of its export. Its filter keeps running."
+            self._start = add_button(gui, "Let the board measure r", hint, self._on_start)
+            self._measuring = SlowJob(gui, "The board keeps its values.")
             self._text = gui.add_markdown("", visible=False)
-            self._cancel = gui.add_button("Cancel", visible=False, hint="The board keeps its values.")
-            self._use = gui.add_button(
-                "Use its r and q here", visible=False, hint="In the tuning of this channel. Undo reverts it."
-            )
-            self._keep = gui.add_button(
-                KEEP,
-                visible=False,
-                hint="In its EEPROM, for all channels: otherwise a reset restores those of the export.",
-            )
-        on_user(self._start.on_click, lambda _client: self._on_start())
-        on_user(self._cancel.on_click, lambda _client: self._stop.set())
-        on_user(self._use.on_click, lambda _client: session.request(live_changes.use_calibration))
-        on_user(
-            self._keep.on_click,
-            lambda _client: self._jobs.run_with_state(session, self._keep_or_forget, Failed.KEEP),
-        )
 
-    def _on_start(self) -> None:
+            hint = "In the tuning of this channel. Undo reverts it."
+            self._use = add_button(gui, "Use its r and q here", hint, self._on_use, visible=False)
+            hint = "In its EEPROM, for all channels: otherwise a reset restores those of the export."
+            self._keep = add_button(gui, KEEP, hint, self._on_keep, visible=False)
+
+    def _on_use(self, _client: viser.ClientHandle) -> None:
+        self._session.request(changes.use_calibration)
+
+    def _on_keep(self, _client: viser.ClientHandle) -> None:
+        self._jobs.run_with_state(self._session, self._keep_or_forget, Failed.KEEP)
+
+    def _on_start(self, _client: viser.ClientHandle) -> None:
         clicked = time.monotonic()
 
         def work(state: State) -> None:
@@ -78,25 +69,23 @@ class CalibrationView:
     def _measure(self, state: State) -> None:
         source = self._connection.source_of(state)
         seconds = typed_number("the time to measure for", self._seconds.value)
-        stop = self._stop = threading.Event()
-        self._running, self._progress.value = seconds, 0.0
-        self._session.request(live_changes.set_calibration(None))  # its frame shows the progress
+        self._running = seconds
+        self._session.request(changes.set_calibration(None))  # its frame says that it measures
         try:
-            measured = measured_by_board(state, source, seconds, Progress(self._on_progress, stop.is_set))
+            with self._measuring as job:
+                progress = Progress(job.report, job.is_cancelled)
+                measured = measured_by_board(state, source, seconds, progress)
         finally:
             self._ended, self._running = time.monotonic(), None
             self._session.request(lambda state: state)  # and the frame of this one hides it
-        self._session.request(live_changes.set_calibration(measured))
+        self._session.request(changes.set_calibration(measured))
         good = measured.values is not None
         self._tell(text_of(measured, state.tuning.unit), good=good, failed=Failed.MEASURE)
-
-    def _on_progress(self, fraction: float, _text: str) -> None:
-        put(self._progress, value=round(100.0 * fraction, 1))
 
     def _keep_or_forget(self, state: State) -> None:
         kept = not (state.calibration is not None and state.calibration.kept)
         set_kept(self._connection.source_of(state), kept=kept)
-        self._session.request(live_changes.set_kept(kept))
+        self._session.request(changes.set_kept(kept))
         starts = "these values" if kept else "the values of its export"
         self._tell(f"The board uses {starts} from its next start.", good=True)
 
@@ -104,21 +93,20 @@ class CalibrationView:
         """Only a live board can measure, and only the noise of one channel."""
         state = frame.state
         put(self._folder, visible=state.live is not None and state.fusion is None)
-        running, known = self._running, live_changes.calibration_here(state)
+        running, known = self._running, changes.calibration_here(state)
         for shown in self._seconds, self._start:
             put(shown, visible=running is None)
-        for shown in self._progress, self._cancel:
-            put(shown, visible=running is not None)
         if running is not None:
             text = f"Measuring for {duration(running)}: keep what the sensor measures constant."
         else:
             text = "" if known is None else text_of(known, state.tuning.unit)
-        put(self._text, content=_as_markdown(text), visible=bool(text))
+        unbroken = text.replace(" = ", "\xa0=\xa0")  # no line break at an equals sign
+        put(self._text, content=escape_markdown(unbroken, MAX_SHOWN), visible=bool(text))
         values = None if running is not None or known is None else known.values
         tuned = {"q": state.tuning.q, "r": state.tuning.r}
         put(self._use, visible=values is not None and values.parameters != tuned)
-        put(self._keep, visible=values is not None)
-        put(self._keep, label=FORGET if known is not None and known.kept else KEEP)
+        kept = known is not None and known.kept
+        put(self._keep, visible=values is not None, label=FORGET if kept else KEEP)
 
 
 def text_of(calibration: BoardCalibration, unit: str) -> str:
@@ -126,13 +114,7 @@ def text_of(calibration: BoardCalibration, unit: str) -> str:
     found = calibration.found
     if found is None:
         return f"{capitalised(calibration.failed)}."
-    text = measured_text(found, unit)
-    return f"The board measured {text}" if isinstance(found.answer, Calibrated) else text
-
-
-def _as_markdown(text: str) -> str:
-    """Escaped, and without a line break at an equals sign."""
-    return escape_markdown(text.replace(" = ", "\xa0=\xa0"), MAX_SHOWN)
+    return f"{'The board measured ' * isinstance(found.answer, Calibrated)}{measured_text(found, unit)}"
 
 
 # The folder "Send to the board" of the Export tab: the present setting into the board that is connected.
@@ -155,15 +137,16 @@ class BoardView:
         tell: Callable[..., None],
         connection: BoardConnection,
     ) -> None:
-        self._session, self._tell, self._connection = session, tell, connection
+        self._session, self._jobs, self._tell, self._connection = session, jobs, tell, connection
         with gui.add_folder("Send to the board", visible=False) as self._folder:
             self._how = gui.add_markdown(HOW)
-            self._button = gui.add_button(
-                "Send q, r and p0", hint="And the momentum, where the sketch has it. The board confirms each value."
-            )
+            hint = "And the momentum, where the sketch has it. The board confirms each value."
+            self._button = add_button(gui, "Send q, r and p0", hint, self._on_send)
             self._text = gui.add_markdown("")
         self._calibration = CalibrationView(gui, session, tell, connection)
-        on_user(self._button.on_click, lambda _client: jobs.run_with_state(session, self._send, Failed.SEND))
+
+    def _on_send(self, _client: viser.ClientHandle) -> None:
+        self._jobs.run_with_state(self._session, self._send, Failed.SEND)
 
     def _send(self, state: State) -> None:
         source = self._connection.source_of(state)

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 import viser
 
 from kalscope.analysis.alternatives import Alternative
 from kalscope.analysis.filter_errors import Difference
+from kalscope.analysis.spectrum import Spectrum
 from kalscope.common.numbers import Array
 from kalscope.common.text import count, frequency, lag_text, noise_left, number, percent, squared
+from kalscope.filtering.classic import Chain
 from kalscope.filtering.steady import steady_state
 from kalscope_app.engine.frame import Frame
 from kalscope_app.session.changes import (
@@ -29,16 +30,12 @@ from kalscope_app.views.charts import (
     DARK,
     LIGHT,
     Chart,
-    ChartLayout,
     ChartLine,
     Scale,
-    axes,
     dots,
     gappy,
     line,
-    log_scale_for,
-    log_ticks,
-    log_time_scale,
+    marks,
     scale_for,
     short,
     time_label,
@@ -56,32 +53,25 @@ NAMES: tuple[str, ...] = (
     "Median",
     "2nd-order Butterworth",
     "One-euro",
+    "Fixed lag",
     "Smoother (offline bound)",
 )
-"""Simpler filters as the comparison names them; where a median before one helps, there are rows for that too."""
+"""Simpler filters as the comparison names them; a fixed lag is only there where it gains."""
 
 ALL = "all of them"
 
 MATCHES: dict[str, str] = {"the same lag": "lag", "the same noise reduction": "noise"}
 """Labels, and the values of the state."""
 
-COLOURS = {
-    False: ("#009E73", "#0072B2", "#CC79A7", "#3a9bdc", "#7b4fc8", "#1b9e8a"),
-    True: ("#2fc99b", "#56B4E9", "#e39ac6", "#8fd0ff", "#b79bff", "#3fd6bd"),
-}
-"""Of the simpler filters in the order of NAMES, light and dark."""
-
 EXPORT_HINT = "Uses the drawn filter instead of yours, and opens the Export tab. Undo reverts it."
 
 NOTHING = "Only the Kalman filter of one channel can be compared at its lag."
 
-HEADS = ("filter", "setting", "lag", "noise left", "{error}", "compared with yours")
-
 MAX_UNBROKEN = 13
 """Characters from which a cell of the table may break, so that its seven columns fit at 1280 px."""
 
-AT_OVERSHOOT, MIN_OVERSHOOT = 4, 5e-4
-"""Index of the overshoot column while the user's filter has momentum, after the noise; smaller ones are none."""
+MIN_OVERSHOOT = 5e-4
+"""Smaller ones are none."""
 
 
 class AlternativesView:
@@ -89,7 +79,7 @@ class AlternativesView:
 
     def __init__(self, gui: viser.GuiApi, session: Session) -> None:
         self._session = session
-        self._to_export: Alternative | None = None
+        self._chain: Chain | None = None
         gui.add_markdown("### Is there a simpler filter?")
         self._match = gui.add_dropdown(
             "matched by", tuple(MATCHES), hint="Filters of equal lag, or of equal noise reduction."
@@ -107,19 +97,18 @@ class AlternativesView:
 
     def _use(self) -> None:
         """The drawn filter becomes that of the channel; the page opens the Export tab."""
-        one = self._to_export
-        if one is not None and one.chain is not None:
-            self._session.request(use_chain(one.chain))
+        if self._chain is not None:
+            self._session.request(use_chain(self._chain))
 
     def on_emptied(self) -> None:
         """The filter that could be exported belongs to an earlier state."""
-        self._to_export = None
+        self._chain = None
         put(self._export, visible=False)
 
     def show(self, compared: Compared | None) -> None:
         """Draw and write."""
-        self._to_export = None if compared is None else compared.to_export
-        put(self._export, visible=self._to_export is not None)
+        self._chain = None if compared is None else compared.to_export
+        put(self._export, visible=self._chain is not None)
         for control in (self._match, self._alternative):
             put(control, visible=compared is not None)
         if compared is None:
@@ -133,89 +122,77 @@ class AlternativesView:
         put(self._match, value=match)
         offer(self._alternative, (*names, ALL), drawn)
         self._verdict.content = verdict_of(compared)
-        text = text_of(compared)
-        self._table.content = text if compared.state.tuning.chain is None else about_kalman(text)
+        self._table.content = text_of(compared)
         self._draw(compared)
 
     def _draw(self, compared: Compared) -> None:
         state, inside = compared.state, compared.inside
         palette = DARK if state.view.dark else LIGHT
         time, raw = compared.drawn.time[inside], compared.drawn.raw[inside]
-        span = float(time[-1] - time[0]) if len(time) > 1 else 1.0
-        clock = time_scale_for(span, state.recording.sample_period)
+        clock = time_scale_for(float(np.ptp(time)) if len(time) > 1 else 1.0, state.recording.sample_period)
         scale = scale_for(raw, state.tuning.unit)
-        yours = "yours" if state.tuning.chain is None else "Kalman"
         lines = [*gappy("raw", raw, palette.raw)]
         if compared.drawn.truth is not None:
-            truth = {**line("truth", palette.truth, 1.5), "dash": (6, 4)}
-            lines.append(ChartLine(compared.drawn.truth[inside], truth))
-        lines.append(
-            ChartLine(compared.curve(compared.found.present), line(yours, palette.filtered, 2.5, scaled=False))
-        )
-        colours = dict(zip(NAMES, COLOURS[state.view.dark], strict=True))
+            lines.append(line(compared.drawn.truth[inside], "truth", palette.truth, 1.5, dash=(6, 4)))
+        present = compared.curve(compared.found.present)
+        lines.append(line(present, "yours", palette.filtered, 2.5, scaled=False))
+        colours = dict(zip(NAMES, palette.alternatives, strict=True))
         for one in compared.alternatives:
-            lines.append(
-                ChartLine(
-                    compared.curve(one), line(one.name, colours.get(one.name, palette.truth), 1.5, scaled=False)
-                )
-            )
-        y_axes = axes(scale.label(short(state.channel, 14)))
-        x, resets = time * clock.factor, state.view.resets
-        self._chart.draw(x, time_label(clock), lines, y_axes, resets, factor=scale.factor)
+            colour = colours.get(one.name, palette.truth)
+            lines.append(line(compared.curve(one), one.name, colour, 1.5, scaled=False))
+        x, label, view = time * clock.factor, scale.label(short(state.channel, 14)), state.view.resets
+        self._chart.draw(x, lines, time_label(clock), label, factor=scale.factor, view=view)
 
 
 def verdict_of(compared: Compared) -> str:
     """The verdict, and what it is about where another filter runs; markdown."""
     first, dot, rest = compared.found.verdict.partition(". ")
+    chain = compared.state.tuning.chain
     verdict = f"**{first}{dot.strip()}** {rest}"
-    if (chain := compared.state.tuning.chain) is None:
+    if chain is None:
         return verdict
     runs = f"{capitalised(chain.words)} runs now. The comparison is with the Kalman filter of q and r."
-    return f"{runs}\n\n{about_kalman(verdict)}"
-
-
-def about_kalman(text: str) -> str:
-    """A text about the user's filter, reworded for a channel that runs another filter."""
-    return (
-        text.replace("your filter", "the Kalman filter")
-        .replace("Your filter", "The Kalman filter")
-        .replace("with yours", "with Kalman")
-        .replace(" (present)", "")
-    )
+    return f"{runs} It is called yours here.\n\n{verdict}"
 
 
 def text_of(compared: Compared) -> str:
     """The table and the text below it; markdown."""
-    found, state = compared.found, compared.state
+    found = compared.found
     if not found.others:
         return found.note
-    unit = escape_markdown(state.tuning.unit, 12) or "unit"
-    head = [text.format(error=f"{'error' if found.present.rmse is None else 'RMSE'}, {unit}") for text in HEADS]
-    head[AT_OVERSHOOT:AT_OVERSHOOT] = ["overshoot"] if state.tuning.momentum else []
-    rows = [cells(one, state) for one in (found.present, *found.others)]
-    table = "\n".join(f"| {' | '.join(row)} |" for row in rows)
-    said = "\n".join(f"- **{one.name}.** {one.sentence}" for one in (*compared.alternatives, found.present))
-    return (
-        f"| {' | '.join(head)} |\n|{'---|' * len(head)}\n{table}\n\n{found.identity}\n\n{said}\n\n{found.note} "
+    table = table_of([cells(one, compared) for one in (found.present, *found.others)])
+    lines = "\n".join(f"- **{one.name}.** {one.sentence}" for one in (*compared.alternatives, found.present))
+    text = (
+        f"{table}\n\n{found.identity}\n\n{lines}\n\n{found.note} "
         "The intervals in brackets hold jointly in 95 % of cases. Cut-offs are in cycles per sample."
     )
+    return text if compared.state.tuning.chain is None else text.replace(" (present)", "")
 
 
-def cells(one: Alternative, state: State) -> list[str]:
+def table_of(rows: list[dict[str, str]]) -> str:
+    """A markdown table of rows, each the cells by the heads of their columns; empty columns are left out."""
+    heads = [head for head in rows[0] if any(row[head] not in ("", "–") for row in rows)]
+    lines = [heads, ["---"] * len(heads), *([row[head] or "–" for head in heads] for row in rows)]
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+
+
+def cells(one: Alternative, compared: Compared) -> dict[str, str]:
     """One row of the table."""
-    error = one.prediction if one.rmse is None else one.rmse
-    row = [
-        f"**{one.name}**"
-        if one.name == state.view.drawn_alternative or (one.against is None and one.causal)
-        else one.name,
-        one.parameters,
-        lag_text(one.lag_samples, state.recording.sample_period) if one.causal else "looks ahead",
-        "–" if np.isnan(one.noise_reduction_db) else noise_left(one.noise_reduction_db),
-        *((_overshoot(one.overshoot),) if state.tuning.momentum else ()),
-        "–" if error is None else number(error, 4),
-        against(one.against) if one.matched or one.against is None else "not at this " + state.view.match_by,
-    ]
-    return [text.replace(" ", "\u00a0") if len(text) < MAX_UNBROKEN else text for text in row]
+    state, present, error = compared.state, compared.found.present, one.prediction if one.rmse is None else one.rmse
+    drawn = one.name == state.view.drawn_alternative or one is present
+    unit = escape_markdown(state.tuning.unit, 12) or "unit"
+    row = {
+        "filter": f"**{one.name}**" if drawn else one.name,
+        "setting": one.parameters,
+        "lag": lag_text(one.lag_samples, state.recording.sample_period) if one.causal else "looks ahead",
+        "noise left": "–" if np.isnan(one.noise_reduction_db) else noise_left(one.noise_reduction_db),
+        "overshoot": _overshoot(one.overshoot) if state.tuning.momentum else "",
+        f"{'error' if present.rmse is None else 'RMSE'}, {unit}": "–" if error is None else number(error, 4),
+        "compared with yours": against(one.against)
+        if one.matched or one is present
+        else "not at this " + state.view.match_by,
+    }
+    return {head: text.replace(" ", "\u00a0") if len(text) < MAX_UNBROKEN else text for head, text in row.items()}
 
 
 def _overshoot(share: float) -> str:
@@ -259,49 +236,39 @@ class ChannelsView:
         self._chart.handle.height = MIN_HEIGHT
         self._table = gui.add_markdown("")
         with gui.add_folder("Set several channels", visible=False) as self._folder:
-            self._together = gui.add_dropdown(
-                "apply to",
-                LINKS,
-                hint="All together: each change under Tune sets every channel. Undo reverts it.",
-            )
+            hint = "All together: each change under Tune sets every channel. Undo reverts it."
+            self._together = gui.add_dropdown("apply to", LINKS, hint=hint)
         bind(self._together, session, set_link)
 
     def show(self, frame: Frame) -> None:
         """Offer the other channels."""
         names = frame.state.recording.names
         self._folder.visible = self._chart.handle.visible = len(names) > 1
-        self._together.value = frame.state.settings.link
+        self._together.value = frame.state.link
 
     def show_overview(self, overview: Overview) -> None:
         """Draw the lanes and write the table."""
         self._said.content = lead_of(overview)
-        self._table.content = table_of(overview)
+        self._table.content = settings_of(overview)
         if overview.lanes:
             height = max(60 + LANE_HEIGHT * len(overview.lanes), MIN_HEIGHT)
             self._chart.handle.height = height
-            self._chart.show(*lanes_of(overview), overview.state.view.resets)
+            view, ends = overview.state.view.resets, (0.5, len(overview.lanes) + 0.5)
+            x, lines, label = lanes_of(overview)
+            self._chart.draw(x, lines, label, "channel", view=view, y_range=ends, lanes=True)
 
 
-def lanes_of(overview: Overview) -> tuple[Array, list[Array], ChartLayout]:
+def lanes_of(overview: Overview) -> tuple[Array, list[ChartLine], str]:
     """The chart: lane 1 on top; raw and filtered in the colours of the Signal tab, the channel on screen bolder."""
-    state = overview.state
+    state, time = overview.state, overview.time
     palette = DARK if state.view.dark else LIGHT
-    span = float(overview.time[-1] - overview.time[0]) if len(overview.time) > 1 else 1.0
-    clock = time_scale_for(span, state.recording.sample_period)
+    clock = time_scale_for(float(np.ptp(time)) if len(time) > 1 else 1.0, state.recording.sample_period)
     lines: list[ChartLine] = []
     for i, lane in enumerate(overview.lanes, 1):
         width = 3 if state.measured == (lane.name,) else 2
         lines += gappy(f"{i} raw", i - HALF_LANE * lane.raw, palette.raw)[:1]
-        lines.append(ChartLine(i - HALF_LANE * lane.filtered, line(f"{i}", palette.filtered, width)))
-    across, up = axes("channel")
-    layout = ChartLayout(
-        ({"label": time_label(clock)}, *(one.style for one in lines)),
-        ({**across, "label": time_label(clock), "size": 34}, {**up, "incrs": (1,), "space": 8}),
-        gaps=frozenset(i for i, one in enumerate(lines) if one.gaps),
-        y_range=(0.5, len(overview.lanes) + 0.5),
-        y_down=True,
-    )
-    return overview.time * clock.factor, [one.y for one in lines], layout
+        lines.append(line(i - HALF_LANE * lane.filtered, f"{i}", palette.filtered, width))
+    return time * clock.factor, lines, time_label(clock)
 
 
 def lead_of(overview: Overview) -> str:
@@ -315,30 +282,27 @@ def lead_of(overview: Overview) -> str:
     return f"{said} {count(more)} more than {MAX_LANES} are not drawn." if more else said
 
 
-def table_of(overview: Overview) -> str:
+def settings_of(overview: Overview) -> str:
     """The channels with their settings; markdown, names escaped."""
-    if not overview.lanes:
-        return ""
-    rows = [_row(overview.state, i, lane) for i, lane in enumerate(overview.lanes)]
-    heads = [head for head in rows[0] if head not in ("τ", "missing") or any(row[head] != "–" for row in rows)]
-    lines = [heads, ["---"] * len(heads), *([row[head] for head in heads] for row in rows)]
-    return "\n".join(f"| {' | '.join(cells)} |" for cells in lines)
+    return (
+        table_of([_row(overview.state, i, lane) for i, lane in enumerate(overview.lanes)]) if overview.lanes else ""
+    )
 
 
 def _row(state: State, i: int, lane: Lane) -> dict[str, str]:
     """The cells of a channel, by the heads of the table."""
-    tuning, period = state.settings.tunings[i], state.recording.sample_period
+    tuning, period = state.tunings[i], state.recording.sample_period
     bold, unit = "**" if state.measured == (lane.name,) else "", escape_markdown(tuning.unit, 12)
     row = {"": f"{bold}{i + 1}{bold}", "channel": f"{bold}{escape_markdown(lane.name, 24)}{bold}"}
-    row |= dict.fromkeys(("q", "r", "τ", "lag", "noise left"), "–")
+    row |= dict.fromkeys(("q", "r", "τ", "lag", "noise left"), "")
     if tuning.filter.is_standard:
         steady = steady_state(tuning.params)
         row |= {"q": number(tuning.q), "r": number(tuning.r)}
-        row["τ"] = momentum_words(tuning.momentum, period) if tuning.momentum else "–"
+        row["τ"] = momentum_words(tuning.momentum, period) if tuning.momentum else ""
         row["lag"] = lag_text(steady.lag_samples, period).replace(" ", "\u00a0")
         row["noise left"] = noise_left(steady.noise_reduction_db).replace(" ", "\u00a0")
-    row["from … to"] = f"{number(lane.low)} … {number(lane.high)} {unit}".strip() if np.isfinite(lane.low) else "–"
-    row["missing"] = count(lane.missing) if lane.missing else "–"
+    row["from … to"] = f"{number(lane.low)} … {number(lane.high)} {unit}".strip() if np.isfinite(lane.low) else ""
+    row["missing"] = count(lane.missing) if lane.missing else ""
     return row
 
 
@@ -370,47 +334,25 @@ class SpectrumView:
             self._density.hide()
             self._response.hide()
             return
-        palette, resets = DARK if spectra.state.view.dark else LIGHT, spectra.state.view.resets
-        hertz = log_scale_for(spectra.frequency, "Hz" if spectra.found.in_hertz else "cycles/sample")
-        self._text.content = f"**{cutoff_words(spectra, hertz)}**"
-        self._note.content = spectra.found.note
-        label, fine = f"frequency ({hertz.unit})", spectra.fine * hertz.factor
+        found, state, palette = spectra.found, spectra.state, DARK if spectra.state.view.dark else LIGHT
+        unit, per = ("Hz", "/Hz") if found.in_hertz else ("cycles/sample", " per cycle/sample")
+        self._text.content, self._note.content = f"**{cutoff_words(found)}**", found.note
+        label, fine, view = f"frequency ({unit})", spectra.fine, state.view.resets
 
-        unit = squared(spectra.state.tuning.unit)
-        unit = f"{unit}/Hz" if spectra.found.in_hertz else f"{unit} per cycle/sample"
         names = (("raw", palette.raw), ("filtered", palette.filtered), ("removed", palette.innovation))
         low, high, ys = floored(spectra.densities)
-        lines = [ChartLine(y, line(name, colour, 2)) for y, (name, colour) in zip(ys, names, strict=True)]
-        ends = float(fine[0]), float(fine[-1])  # as the response, which a low cut-off makes longer
-        x = spectra.frequency * hertz.factor
-        draw_log(self._density, x, label, lines, (low, high, "density", unit), fine, resets, ends)
+        lines = [line(y, name, colour, 2) for y, (name, colour) in zip(ys, names, strict=True)]
+        density = f"density ({squared(state.tuning.unit)}{per})"
+        reach = float(fine[0]), float(fine[-1])  # as the response, which a low cut-off makes longer
+        x, ends = spectra.frequency, (low, high)
+        self._density.draw(x, lines, label, density, view=view, reach=reach, y_range=ends, log="xy")
 
-        cut = np.where(spectra.fine == spectra.found.cutoff, spectra.response_db, np.nan)
-        response = ChartLine(spectra.response_db, line("response (dB)", palette.filtered, 2))
-        lines = [response, ChartLine(cut, dots("−3 dB", palette.truth, 11), gaps=True)]
+        cut = np.where(fine == found.cutoff, spectra.response_db, np.nan)
+        response = line(spectra.response_db, "response (dB)", palette.filtered, 2)
         lowest, highest = float(spectra.response_db.min()), float(spectra.response_db.max())
-        reach = min(-6.0, 5.0 * math.floor(lowest / 5.0)), max(2.0, math.ceil(highest + 0.5))
-        y_axes = log_axes(fine, None, "response (dB)")
-        self._response.draw(fine, label, lines, y_axes, resets, y_range=reach, log_x=True)
-
-
-def draw_log(
-    chart: Chart,
-    x: Array,
-    x_label: str,
-    lines: list[ChartLine],
-    y: tuple[float, float, str, str],
-    ticks: Array,
-    resets: object,
-    ends: tuple[float, float] | None = None,
-    **layout: Any,
-) -> None:
-    """Draw on two logarithmic axes; `y` is its lower and upper end, its name and its unit."""
-    scale = log_scale_for(np.array(y[:2]), y[3])
-    reach = y[0] * scale.factor, y[1] * scale.factor
-    layout |= {"y_range": reach, "log_x": True, "log_y": True}
-    y_axes = log_axes(ticks, reach, scale.label(y[2]))
-    chart.draw(x, x_label, lines, y_axes, resets, ends, factor=scale.factor, **layout)
+        ends = min(-6.0, 5.0 * math.floor(lowest / 5.0)), max(2.0, math.ceil(highest + 0.5))
+        lines = [response, dots(cut, "−3 dB", palette.truth, 11)]
+        self._response.draw(fine, lines, label, "response (dB)", view=view, y_range=ends, log="x")
 
 
 class AllanView:
@@ -428,27 +370,25 @@ class AllanView:
             self._note.content = ""
             self._chart.hide()
             return
-        found, palette = allan.found, DARK if allan.state.view.dark else LIGHT
+        found, state, palette = allan.found, allan.state, DARK if allan.state.view.dark else LIGHT
         self._text.content, self._note.content = f"**{found.message}**", ABOUT_ALLAN
-        clock = log_time_scale(found.tau) if found.in_seconds else log_scale_for(found.tau, "samples")
+        clock = Scale(1.0, "s" if found.in_seconds else "samples")
         low, high, (deviation, model) = floored((found.deviation, found.model))
         inside = found.size[0] <= found.best_size <= found.size[-1]  # beyond, the model is still falling
         best = np.argmin(found.model) if inside else -1
-        mark = np.where(np.arange(len(found.size)) == best, found.model, np.nan)
+        lowest = np.where(np.arange(len(found.size)) == best, found.model, np.nan)
         below, above = (np.clip(found.deviation + sign * 2.0 * found.spread, low, high) for sign in (-1.0, 1.0))
-        marks = {"show": True, "size": 6, "space": 0, "fill": palette.truth}
         lines = [
-            ChartLine(below, line("−2 σ")),
-            ChartLine(above, line("+2 σ")),
-            ChartLine(deviation, {**line("recording", palette.truth, 2), "points": marks}),
-            ChartLine(model, line("model", palette.filtered, 2)),
-            ChartLine(mark, dots("minimum of the model", palette.filtered, 13), gaps=True),
+            line(below, "−2 σ"),
+            line(above, "+2 σ", fill=palette.truth + palette.band),
+            line(deviation, "recording", palette.truth, 2, points=marks(palette.truth, 6)),
+            line(model, "model", palette.filtered, 2),
+            dots(lowest, "minimum of the model", palette.filtered, 13),
         ]
-        x, y = found.tau * clock.factor, (low, high, "Allan deviation", allan.state.tuning.unit[:16])
-        bands = ({"series": (2, 1), "fill": "rgba(86, 180, 233, 0.22)"},)
-        draw_log(
-            self._chart, x, f"averaging time ({clock.unit})", lines, y, x, allan.state.view.resets, bands=bands
-        )
+        label = Scale(1.0, state.tuning.unit[:16]).label("Allan deviation")
+        ends, view = (low, high), state.view.resets
+        x_label = clock.label("averaging time")
+        self._chart.draw(found.tau, lines, x_label, label, view=view, y_range=ends, log="xy")
 
 
 ABOUT_ALLAN = (
@@ -458,15 +398,12 @@ ABOUT_ALLAN = (
 )
 
 
-def cutoff_words(spectra: Spectra, axis: Scale) -> str:
-    """The cut-off frequency in a sentence, in the unit of the axis too where that is another."""
-    found = spectra.found
+def cutoff_words(found: Spectrum) -> str:
+    """The cut-off frequency in a sentence."""
     if math.isnan(found.cutoff):
         return "This filter has no cut-off: it passes more than half of the power at every frequency."
-    on_axis = f"{number(found.cutoff * axis.factor)} {axis.unit}"
-    at = frequency(found.cutoff) if found.in_hertz else on_axis
-    also = "" if at.endswith(f" {axis.unit}") else f", {on_axis} on the axis"
-    return f"Cut-off (−3 dB): {at}{also}. Lower frequencies pass, higher ones are attenuated."
+    at = frequency(found.cutoff) if found.in_hertz else f"{number(found.cutoff)} cycles/sample"
+    return f"Cut-off (−3 dB): {at}. Lower frequencies pass, higher ones are attenuated."
 
 
 def floored(ys: tuple[Array, ...]) -> tuple[float, float, list[Array]]:
@@ -476,15 +413,3 @@ def floored(ys: tuple[Array, ...]) -> tuple[float, float, list[Array]]:
     high = 1.5 * float(good.max()) if len(good) else 1.0
     low = max(float(good.min()) / 1.5, high * 10.0**-DECADES) if len(good) else 0.1
     return low, high, [np.clip(np.nan_to_num(y, nan=low), low, high) for y in ys]
-
-
-def log_axes(x: Array, y: tuple[float, float] | None, label: str) -> tuple[dict[str, object], ...]:
-    """Axes with round numbers written out; uPlot itself writes 0 for any value below 0.0005."""
-    across, up = axes(label)
-    across = {**across, **written(log_ticks(float(x[0]), float(x[-1])))}
-    return across, up if y is None else {**up, **written(log_ticks(*y))}
-
-
-def written(ticks: tuple[float, ...]) -> dict[str, object]:
-    """Fixed ticks and their labels."""
-    return {"splits": ticks, "values": tuple(number(tick, 1) for tick in ticks)}

@@ -5,18 +5,20 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import viser
 from numpy.typing import NDArray
 
 from kalscope.common.numbers import Array
-from kalscope.common.text import TIME_UNITS, trimmed
+from kalscope.common.text import TIME_UNITS, number, trimmed
 from kalscope_app.engine.filter_runs import Cache, DrawnSamples, choose_indices
 from kalscope_app.engine.frame import Frame
 from kalscope_app.views.widgets import put
 from kalscope_app.views.window import height_of
+
+T = TypeVar("T")
 
 # Units and factors of chart axes, so that three decimals suffice, and ticks of logarithmic ones.
 
@@ -24,6 +26,12 @@ from kalscope_app.views.window import height_of
 PREFIXES = {-12: "p", -9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M", 9: "G"}
 """SI prefixes by power of ten."""
 
+
+LOGARITHMIC = {"distr": 3, "log": 10}
+"""A logarithmic uPlot scale."""
+
+Ends = tuple[float, float]
+"""Of an axis."""
 
 PREFIXABLE = {"V", "A", "g", "Pa", "Hz", "m", "W", "N", "T", "Ω", "F", "s", "lx", "m/s", "m/s²", "m/s^2"}
 """Units that take a prefix; before any other the factor is written out."""
@@ -82,28 +90,6 @@ def _to_decimals(value: float, decimals: int) -> str:
     return trimmed(value, min(max(math.floor(math.log10(abs(value))) + 1 + decimals, 1), 12))
 
 
-def log_scale_for(values: Array, unit: str) -> Scale:
-    """The prefix that suits the middle of a logarithmic axis from the lowest to the highest value > 0.
-
-    A unit that takes no prefix stays as it is: the ticks of such an axis are written as 1e-9 where they must be.
-    """
-    good = values[np.isfinite(values) & (values > 0.0)]
-    if unit not in PREFIXABLE or not len(good):
-        return Scale(1.0, unit)
-    middle = 0.5 * (math.log10(float(good.min())) + math.log10(float(good.max())))
-    power = min(max(3 * math.floor((middle + 1.0) / 3.0), min(PREFIXES)), max(PREFIXES))
-    return Scale(10.0**-power, PREFIXES[power] + unit)
-
-
-def log_time_scale(times: Array) -> Scale:
-    """Unit of a logarithmic axis of ascending times > 0, s: seconds up to ten minutes, else as fits the middle."""
-    if not len(times) or times[-1] < 600.0:
-        return log_scale_for(times, "s")
-    middle = math.sqrt(float(times[0]) * float(times[-1]))
-    unit, length = next((one for one in reversed(TIME_UNITS) if one[1] <= middle), TIME_UNITS[0])
-    return Scale(1.0 / length, unit)
-
-
 def log_ticks(low: float, high: float, room: int = 9) -> tuple[float, ...]:
     """Round values from low to high, > 0, for a logarithmic axis: decades, with 2 and 5 between if few."""
     first, last = math.floor(math.log10(low)), math.ceil(math.log10(high))
@@ -116,85 +102,51 @@ def log_ticks(low: float, high: float, room: int = 9) -> tuple[float, ...]:
 # Colours, lines and axes that the charts share.
 
 
-@dataclass(frozen=True)
 class Palette:
     """The colours of one theme: charts, map and pictures. Good and bad of the map differ in lightness alone.
 
     Every line has a contrast of 3 : 1 with its background, as WCAG 2.2 requires of graphics (1.4.11).
     """
 
-    raw: str
-    filtered: str
-    truth: str
-    innovation: str
-    gain: str
-    smoothed: str
-    board: str
-    raw_band: str
-    band: str
-    innovation_band: str
-    velocity_band: str
-    paper: str
-    """Behind pictures."""
-    ink: str
-    quiet: str
-    shades: tuple[str, ...]
-    """Of the map, from worst to best."""
-    best: str
-    """The most likely pair and the 95 % region on the map."""
-    devices: tuple[str, str, str, str]
-    """A fleet's devices by class, from usual to remarkable, and those without any."""
-    density: str
-    """Where many devices are."""
+    def __init__(self, *, dark: bool) -> None:
+        def pick(light: T, in_the_dark: T) -> T:
+            return in_the_dark if dark else light
+
+        self.raw = pick("#8595a3", "#6f7f8d")
+        self.filtered = pick("#D55E00", "#ff8a3d")
+        self.truth = pick("#0072B2", "#56B4E9")
+        self.innovation = pick("#009E73", "#2fc99b")
+        self.gain = pick("#CC79A7", "#e39ac6")
+        self.smoothed = pick("#1b9e8a", "#3fd6bd")
+        self.board = pick("#7b3fa0", "#c9a0ff")
+        self.band = pick("24", "33")
+        """Opacity of bands in the colour of their line, two hexadecimal digits."""
+        self.paper = pick("#eceff2", "#1e2024")
+        """Behind pictures."""
+        self.ink = pick("#343a40", "#d5dae1")
+        self.quiet = pick("#5c666f", "#9aa4af")
+        self.shades = pick(
+            ("#ffffff", "#d3e3f1", "#9cc4e2", "#5a9fd0", "#2672ad", "#0b4479"),
+            ("#101317", "#152a40", "#1b4a74", "#2976b0", "#5fb4e6", "#dff3ff"),
+        )
+        """Of the map, from worst to best."""
+        self.best = pick("#f7c948", "#c2410c")
+        """The most likely pair and the 95 % region on the map."""
+        self.devices = ("#ffffff", "#f0a6ca", pick("#c2185b", "#ff4f98"), "#9aa0a6")
+        """A fleet's devices by class, from usual to remarkable, and those without any."""
+        self.sensors = pick(
+            ("#3f73d8", "#12525f", "#e0609a", "#3d3d3d", "#6a2fa0", "#2c9c6a", "#8a6fb8", "#8f8f93"),
+            ("#6c9bff", "#a8e0e0", "#d0447f", "#8f9aa6", "#b58cff", "#4fb286", "#f2a6d8", "#5e7fa0"),
+        )
+        """Of fused sensors in their order: a deuteranope can tell the first ones and the fused line."""
+        self.alternatives = pick(
+            ("#009E73", "#0072B2", "#CC79A7", "#3a9bdc", "#7b4fc8", "#a0522d", "#1b9e8a"),
+            ("#2fc99b", "#56B4E9", "#e39ac6", "#8fd0ff", "#b79bff", "#d9a066", "#3fd6bd"),
+        )
+        """Of the simpler filters in the order of their names."""
 
 
-LIGHT = Palette(
-    raw="#8595a3",
-    filtered="#D55E00",
-    truth="#0072B2",
-    innovation="#009E73",
-    gain="#CC79A7",
-    smoothed="#1b9e8a",
-    board="#7b3fa0",
-    raw_band="rgba(133, 149, 163, 0.34)",
-    band="rgba(213, 94, 0, 0.14)",
-    innovation_band="rgba(0, 158, 115, 0.14)",
-    velocity_band="rgba(204, 121, 167, 0.16)",
-    paper="#eceff2",
-    ink="#343a40",
-    quiet="#5c666f",
-    shades=("#ffffff", "#d3e3f1", "#9cc4e2", "#5a9fd0", "#2672ad", "#0b4479"),
-    best="#f7c948",
-    devices=("#ffffff", "#f0a6ca", "#c2185b", "#9aa0a6"),
-    density="#6a1b9a",
-)
-DARK = Palette(
-    raw="#6f7f8d",
-    filtered="#ff8a3d",
-    truth="#56B4E9",
-    innovation="#2fc99b",
-    gain="#e39ac6",
-    smoothed="#3fd6bd",
-    board="#c9a0ff",
-    raw_band="rgba(111, 127, 141, 0.34)",
-    band="rgba(255, 138, 61, 0.20)",
-    innovation_band="rgba(47, 201, 155, 0.18)",
-    velocity_band="rgba(227, 154, 198, 0.20)",
-    paper="#1e2024",
-    ink="#d5dae1",
-    quiet="#9aa4af",
-    shades=("#101317", "#152a40", "#1b4a74", "#2976b0", "#5fb4e6", "#dff3ff"),
-    best="#c2410c",
-    devices=("#ffffff", "#f0a6ca", "#ff4f98", "#9aa0a6"),
-    density="#d0a2ee",
-)
-
-
-SENSORS = {
-    False: ("#3f73d8", "#12525f", "#e0609a", "#3d3d3d", "#6a2fa0", "#2c9c6a", "#8a6fb8", "#8f8f93"),
-    True: ("#6c9bff", "#a8e0e0", "#d0447f", "#8f9aa6", "#b58cff", "#4fb286", "#f2a6d8", "#5e7fa0"),
-}
-"""Of fused sensors in their order, light and dark: a deuteranope can tell the first ones and the fused line."""
+LIGHT, DARK = Palette(dark=False), Palette(dark=True)
 
 
 @dataclass(frozen=True)
@@ -206,7 +158,49 @@ class ChartLine:
     style: dict[str, object]
     """uPlot series."""
     gaps: bool = False
-    """Drawn as points, with gaps where y is NaN."""
+    """Whether NaN in y are gaps; else what is before them is held."""
+    fill: str = ""
+    """Colour between this line and the one before it; "": none."""
+
+
+def line(
+    y: Array,
+    label: str,
+    colour: str = "transparent",
+    width: float = 1,
+    *,
+    scaled: bool = True,
+    gaps: bool = False,
+    fill: str = "",
+    **style: object,
+) -> ChartLine:
+    """A line without marks; without a colour it is the edge of a band; the range of y includes it if `scaled`."""
+    plain = {"label": label, "stroke": colour, "width": width, "points": {"show": False}, "auto": scaled}
+    return ChartLine(y, {**plain, **style}, gaps, fill)
+
+
+def dots(y: Array, label: str, colour: str, size: float) -> ChartLine:
+    """Dots without a line between them; the range of y need not include them."""
+    return line(y, label, colour, 0, scaled=False, gaps=True, points=marks(colour, size))
+
+
+def rings(y: Array, label: str, colour: str, size: float) -> ChartLine:
+    """Thin rings around points of another line, which stay visible."""
+    points = {**marks("transparent", size), "stroke": colour, "width": 1.5}
+    return line(y, label, colour, 0, scaled=False, gaps=True, points=points)
+
+
+def marks(colour: str, size: float) -> dict[str, object]:
+    """Points on every value of a line."""
+    return {"show": True, "size": size, "space": 0, "fill": colour}
+
+
+def band(
+    middle: Array | float, spread: Array, name: str, fill: str, *, scaled: bool = False
+) -> tuple[ChartLine, ChartLine]:
+    """All within `spread` of a line."""
+    low = line(middle - spread, f"−{name}", scaled=scaled)
+    return low, line(middle + spread, f"+{name}", scaled=scaled, fill=fill)
 
 
 def gappy(label: str, y: Array, colour: str, quiet: int = 0) -> tuple[ChartLine, ...]:
@@ -215,8 +209,8 @@ def gappy(label: str, y: Array, colour: str, quiet: int = 0) -> tuple[ChartLine,
     uPlot draws a line across every gap, and takes no range from a line that begins with one.
     """
     if not np.isnan(y[quiet:]).any():
-        return (ChartLine(y, line(label, colour)),)
-    return ChartLine(y, dots(label, colour, 3), gaps=True), ChartLine(y, line(f"last {label}"))
+        return (line(y, label, colour),)
+    return dots(y, label, colour, 3), line(y, f"last {label}")
 
 
 def raw_lines(shown: DrawnSamples, palette: Palette) -> tuple[ChartLine, ...]:
@@ -224,7 +218,17 @@ def raw_lines(shown: DrawnSamples, palette: Palette) -> tuple[ChartLine, ...]:
     if shown.band is None:
         return gappy("raw", shown.raw, palette.raw)
     low, high = shown.band
-    return ChartLine(low, line("raw min", palette.raw, 0.5)), ChartLine(high, line("raw max", palette.raw, 0.5))
+    top = line(high, "raw max", palette.raw, 0.5, fill=f"{palette.raw}57")
+    return line(low, "raw min", palette.raw, 0.5), top
+
+
+def sensor_lines(frame: Frame, palette: Palette, *, raw: bool) -> list[ChartLine]:
+    """A line for each of the sensors that are fused, in its colour: readings, or their differences."""
+    lines: list[ChartLine] = []
+    for one in frame.sensors:
+        y, colour = one.raw if raw else one.difference, palette.sensors[one.colour % len(palette.sensors)]
+        lines += gappy(short(one.name, 20), y, colour)
+    return lines
 
 
 def lag_line(frame: Frame, palette: Palette) -> ChartLine:
@@ -237,41 +241,12 @@ def lag_line(frame: Frame, palette: Palette) -> ChartLine:
         rise = np.nan_to_num(np.where(time - lag < time[0], np.nan, x - x[begin]), nan=-math.inf)
         end = int(np.argmax(rise))
         y[begin[end] : end + 1] = x[end]
-    return ChartLine(y, line("lag", palette.ink, 3, scaled=False), gaps=True)
+    return line(y, "lag", palette.ink, 3, scaled=False, gaps=True)
 
 
 def short(name: str, limit: int) -> str:
     """A name cut to a length that fits beside an axis."""
     return name if len(name) <= limit else f"{name[: limit - 1]}…"
-
-
-def dots(label: str, colour: str, size: float) -> dict[str, object]:
-    """Dots without a line between them; the range of y need not include them."""
-    marks = {"show": True, "size": size, "space": 0, "fill": colour, "stroke": colour}
-    return {"label": label, "stroke": colour, "width": 0, "points": marks, "auto": False}
-
-
-def rings(label: str, colour: str, size: float) -> dict[str, object]:
-    """Thin rings around points of another line, which stay visible."""
-    marks = {"show": True, "size": size, "space": 0, "fill": "transparent", "stroke": colour, "width": 1.5}
-    return {"label": label, "stroke": colour, "width": 0, "points": marks, "auto": False}
-
-
-def line(label: str, colour: str = "transparent", width: float = 1, *, scaled: bool = True) -> dict[str, object]:
-    """A line without marks; without a colour it is the edge of a band; the range of y includes it if `scaled`."""
-    return {"label": label, "stroke": colour, "width": width, "points": {"show": False}, "auto": scaled}
-
-
-def axes(y: str, space: int = 22) -> tuple[dict[str, object], ...]:
-    """Small type; x has its name in the legend, which saves a line; ticks of y are `space` px apart at least."""
-    small = {
-        "font": "12px sans-serif",
-        "labelFont": "12px sans-serif",
-        "labelSize": 20,
-        "labelGap": 2,
-        "gap": 3,
-    }
-    return ({**small, "size": 34}, {**small, "label": y, "size": 60, "space": space})
 
 
 # All that is passed to uPlot: which points, in which order, in which unit, and what it must never get.
@@ -323,7 +298,7 @@ class Chart:
         """
         zeros = np.zeros(2)
         self._share, self._sync, self._window = share, sync, window
-        self._handle = gui.add_uplot(
+        self.handle = gui.add_uplot(
             (np.array([0.0, 1.0]), zeros),
             ({"label": "x"}, {"label": "y"}),
             scales={"x": {"time": False}},
@@ -331,68 +306,63 @@ class Chart:
             height=height_of(share),
             cursor=self._cursor(),
         )
-        self._data: tuple[Array, ...] = ()
-        self._layout: object = None
-        self._view: object = None
-
-    @property
-    def handle(self) -> viser.GuiUplotHandle:
         """The viser handle, for tests and heights."""
-        return self._handle
-
-    def show(
-        self,
-        x: Array,
-        ys: list[Array],
-        layout: ChartLayout,
-        view: object = None,
-        reach: tuple[float, float] | None = None,
-    ) -> None:
-        """Draw; numbers and `layout` are sent only when they differ.
-
-        `reach` is the range of the x axis, if not that of x. A new `view`, or another reach, rebuilds the chart and
-        so ends a zoom: with a fixed range for x viser keeps a zoom over new data, but not over a new scale.
-        """
-        data = drawable(x, ys, layout.gaps)
-        reach = reach or (float(data[0][0]), float(data[0][-1]))
-        if (view, reach, layout.y_range) != self._view:
-            self._view = (view, reach, layout.y_range)
-            scales: dict[str, Any] = {"x": {"time": False, "range": reach, **_distribution(layout.log_x)}}
-            if layout.y_range is not None:
-                flip = {"dir": -1} if layout.y_down else {}
-                scales["y"] = {"range": layout.y_range, **flip, **_distribution(layout.log_y)}
-            self._handle.scales = scales
-        if layout != self._layout:
-            self._layout = layout
-            self._handle.series = layout.series
-            self._handle.bands = layout.bands
-            self._handle.axes = layout.axes
-        if not same_numbers(data, self._data):
-            self._handle.data = self._data = data
-        put(self._handle, visible=True)
+        self._data: tuple[Array, ...] = ()
+        self._scales: object = None
 
     def draw(
         self,
         x: Array,
-        x_label: str,
         lines: Sequence[ChartLine],
-        y_axes: Sequence[dict[str, object]],
-        view: object,
-        reach: tuple[float, float] | None = None,
+        x_label: str,
+        y_label: str,
         *,
         factor: float = 1.0,
-        **layout: Any,
+        view: object = None,
+        reach: Ends | None = None,
+        y_range: Ends | None = None,
+        log: str = "",
+        space: int = 22,
+        lanes: bool = False,
     ) -> None:
-        """Draw lines whose values are times `factor`; the rest are fields of `ChartLayout`, see `show`."""
-        series = ({"label": x_label}, *(one.style for one in lines))
-        gaps = frozenset(i for i, one in enumerate(lines) if one.gaps)
-        self.show(
-            x,
-            [one.y * factor for one in lines],
-            ChartLayout(series, tuple(y_axes), gaps=gaps, **layout),
-            view,
-            reach,
+        """Draw; numbers, lines and axes are sent only when they differ.
+
+        A new `view`, or another range, rebuilds the chart and so ends a zoom: with a fixed range for x viser keeps
+        a zoom over new data, but not over a new scale.
+
+        Args:
+            x: abscissae, ascending.
+            lines: what to draw; the lowest comes first.
+            x_label: name of x, which the legend has, too.
+            y_label: name of y.
+            factor: what the values of lines and `y_range` are multiplied by.
+            view: see above.
+            reach: range of x; None = that of `x`.
+            y_range: range of y; None = what the lines need.
+            log: the logarithmic axes, "x" or "xy": all is > 0 there.
+            space: ticks of y are this many px apart at least.
+            lanes: whether y counts lanes, downward.
+        """
+        data = drawable(
+            x, [one.y * factor for one in lines], frozenset(i for i, one in enumerate(lines) if one.gaps)
         )
+        reach = reach or (float(data[0][0]), float(data[0][-1]))
+        across, up = axis(34, log_ticks(*reach) if "x" in log else None), axis(60)
+        scales: dict[str, Any] = {"x": {"time": False, "range": reach, **(LOGARITHMIC if "x" in log else {})}}
+        if y_range is not None:
+            ends = y_range[0] * factor, y_range[1] * factor
+            up = axis(60, log_ticks(*ends) if "y" in log else None)
+            scales["y"] = {"range": ends, **(LOGARITHMIC if "y" in log else {}), **({"dir": -1} if lanes else {})}
+        up |= {"label": y_label, **({"incrs": (1,), "space": 8} if lanes else {"space": space})}
+        across |= {"label": x_label} if lanes else {}  # elsewhere in the legend alone, which saves a line
+        if (view, scales) != self._scales:
+            self._scales, self.handle.scales = (view, scales), scales
+        series = ({"label": x_label}, *(one.style for one in lines))
+        bands = tuple({"series": (i, i - 1), "fill": one.fill} for i, one in enumerate(lines, 1) if one.fill)
+        put(self.handle, series=series, bands=bands, axes=(across, up))
+        if not same_numbers(data, self._data):
+            self.handle.data = self._data = data
+        put(self.handle, visible=True)
 
     def _cursor(self) -> Any:
         """How the mouse works; `share` and `window` are keys of the page script, not of uPlot."""
@@ -401,14 +371,14 @@ class Chart:
 
     def set_height(self, share: float, pixels: int) -> None:
         """Set the share of the height, which rebuilds the chart, and its height in a window of usual size, px."""
-        put(self._handle, height=pixels)
+        put(self.handle, height=pixels)
         if share != self._share:
             self._share = share
-            self._handle.cursor = self._cursor()
+            self.handle.cursor = self._cursor()
 
     def hide(self) -> None:
         """Take the chart off the screen: without an answer, an old curve would be mistaken for one."""
-        put(self._handle, visible=False)
+        put(self.handle, visible=False)
 
 
 def same_numbers(one: tuple[Array, ...], other: tuple[Array, ...]) -> bool:
@@ -418,60 +388,54 @@ def same_numbers(one: tuple[Array, ...], other: tuple[Array, ...]) -> bool:
     )
 
 
-def _distribution(log: bool) -> dict[str, int]:
-    return {"distr": 3, "log": 10} if log else {}
-
-
-@dataclass(frozen=True)
-class ChartLayout:
-    """Everything of a chart but its numbers: compared by value, so it must hold only tuples and dicts."""
-
-    series: tuple[Any, ...]
-    """uPlot series, the x axis first."""
-    axes: tuple[Any, ...]
-    """uPlot axes: x, then y."""
-    bands: tuple[Any, ...] | None = None
-    """Filled bands between pairs of series."""
-    gaps: frozenset[int] = frozenset()
-    """Numbers of the lines, from 0, that are drawn as points and keep their gaps."""
-    y_range: tuple[float, float] | None = None
-    """Fixed range of y; None = what the lines need."""
-    y_down: bool = False
-    """Whether a fixed y grows downward."""
-    log_x: bool = False
-    """Whether the x axis is logarithmic; all x > 0 then."""
-    log_y: bool = False
-    """Whether the y axis is logarithmic; needs y_range, both ends > 0."""
+def axis(size: int, ticks: tuple[float, ...] | None = None) -> dict[str, object]:
+    """A uPlot axis in small type; `ticks` are written out: uPlot itself writes 0 for any value below 0.0005."""
+    font = "12px sans-serif"
+    fixed = {} if ticks is None else {"splits": ticks, "values": tuple(number(tick, 1) for tick in ticks)}
+    return {"font": font, "labelFont": font, "labelSize": 20, "labelGap": 2, "gap": 3, "size": size, **fixed}
 
 
 # The time axis that the charts share: its unit, its name, and a window that follows a live board.
 
 
-def time_axis(frame: Frame) -> Scale:
-    """Unit of the shared time axis, by the length of what is shown."""
-    time, reach = time_points(frame)
-    first, last = reach or (float(time[0]), float(time[-1]))
-    span = last - first if len(time) > 1 else 1.0
-    return time_scale_for(span, frame.state.recording.sample_period)
+@dataclass(frozen=True)
+class TimeAxis:
+    """The abscissa of a frame."""
+
+    x: Array
+    """Times of the samples, in its unit, shape (m,)."""
+    scale: Scale
+    """Its unit, by the length of what is shown."""
+    label: str
+    """Its name, with the unit."""
+    first: float
+    """Its left end, s after `origin`."""
+    last: float
+    """Its right end."""
+    origin: float = 0.0
+    """The time that is 0 on it, s: of a window that follows a live board, its newest sample."""
+
+    @property
+    def reach(self) -> Ends:
+        """Both ends in its unit."""
+        return self.first * self.scale.factor, self.last * self.scale.factor
 
 
-def follows(frame: Frame) -> bool:
-    """Whether the window follows a live board's newest sample."""
-    live = frame.state.live
-    return live is not None and live.following and live.snapshot is not None
-
-
-def time_points(frame: Frame) -> tuple[Array, tuple[float, float] | None]:
-    """Times of the samples on the time axis, s, and the range of the axis if that is not theirs.
+def time_axis(frame: Frame) -> TimeAxis:
+    """The time axis that the charts share.
 
     A window that follows counts back from the newest sample, so that neither its axis nor a zoom moves.
     """
-    time, live = frame.drawn.time, frame.state.live
-    if live is None or not follows(frame):
-        return time, None
-    newest = float(frame.state.recording.time[-1])
-    span = live.span if math.isfinite(live.span) else rounded_up(float(time[-1] - time[0]))
-    return time - newest, (-span, 0.0)
+    time, live, recording, origin = frame.drawn.time, frame.state.live, frame.state.recording, 0.0
+    first, last = (float(time[0]), float(time[-1])) if len(time) else (0.0, 1.0)
+    last = last if len(time) > 1 else first + 1.0
+    follows = live is not None and live.following and live.snapshot is not None
+    if live is not None and follows:
+        origin = float(recording.time[-1])
+        first, last = -(live.span if math.isfinite(live.span) else rounded_up(last - first)), 0.0
+    scale = time_scale_for(last - first, recording.sample_period)
+    label = time_label(scale).replace("time", "time before now" if follows else "time")
+    return TimeAxis((time - origin) * scale.factor, scale, label, first, last, origin)
 
 
 def rounded_up(value: float) -> float:
@@ -480,11 +444,9 @@ def rounded_up(value: float) -> float:
     return next(step * decade for step in (1.0, 2.0, 5.0, 10.0) if step * decade >= value)
 
 
-def time_label(clock: Scale, *, before_now: bool = False) -> str:
-    """Name of the time axis, with its unit."""
-    if clock.unit == "samples":
-        return "sample"
-    return f"time before now ({clock.unit})" if before_now else f"time ({clock.unit})"
+def time_label(clock: Scale) -> str:
+    """Name of a time axis, with its unit."""
+    return "sample" if clock.unit == "samples" else clock.label("time")
 
 
 # Fewer points for a chart that is drawn at every step of a control that moves.
@@ -497,21 +459,18 @@ MAX_MOVING_POINTS = 2000
 """Points of a line while a control moves, at most: about two to each pixel of a wide chart."""
 
 
-class Thinning:
-    """Chooses the points once for each view of the recording."""
+def places_to_keep(frame: Frame, kept: Cache[NDArray[np.intp]]) -> NDArray[np.intp] | None:
+    """Indices of the points to draw among those of the frame; None: all, where single samples are visible.
 
-    def __init__(self) -> None:
-        self._places = Cache[NDArray[np.intp]]()
+    Ascending: the first, last, highest and lowest, and those that keep the shape of raw signal and truth; `kept`
+    has those of the last frame, which are chosen once for each view of the recording.
+    """
+    drawn = frame.drawn
+    if drawn.band is None or frame.set_aside is not None or len(drawn.indices) <= MAX_MOVING_POINTS:
+        return None
 
-    def of(self, frame: Frame) -> NDArray[np.intp] | None:
-        """Indices of the points to draw among those of the frame; None: all, where single samples are visible."""
-        drawn = frame.drawn
-        if drawn.band is None or frame.set_aside is not None or len(drawn.indices) <= MAX_MOVING_POINTS:
-            return None
-        return self._places.once(lambda: places_to_keep(drawn), drawn)
+    def choose() -> NDArray[np.intp]:
+        chosen = choose_indices(drawn.raw, drawn.truth, MAX_MOVING_POINTS - 2)
+        return np.union1d(chosen, (drawn.raw.argmin(), drawn.raw.argmax())).astype(np.intp)
 
-
-def places_to_keep(drawn: DrawnSamples) -> NDArray[np.intp]:
-    """Ascending: the first, last, highest and lowest, and those that keep the shape of raw signal and truth."""
-    chosen = choose_indices(drawn.raw, drawn.truth, MAX_MOVING_POINTS - 2)
-    return np.union1d(chosen, (drawn.raw.argmin(), drawn.raw.argmax())).astype(np.intp)
+    return kept.once(choose, drawn)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -12,10 +13,11 @@ from kalscope.analysis.actions import Action
 from kalscope.analysis.correction import MIN_SAMPLES
 from kalscope.analysis.diagnostics import expected_nis, residual_rows
 from kalscope.analysis.findings import Finding, as_sentences, times
-from kalscope.analysis.judge import MAX_ADVICE, Judgement
+from kalscope.analysis.judge import MAX_ADVICE
 from kalscope.common.numbers import Array
 from kalscope.common.text import count, number, trimmed
 from kalscope.estimation.request import Noise, Request
+from kalscope.filtering.steady import steady_state
 from kalscope_app.engine.frame import Frame
 from kalscope_app.session.changes import (
     FOR_LAG,
@@ -30,57 +32,62 @@ from kalscope_app.views.charts import (
     DARK,
     LIGHT,
     Chart,
-    ChartLayout,
-    axes,
+    ChartLine,
+    band,
     line,
+    marks,
     range_text,
     time_scale_for,
 )
-from kalscope_app.views.goal import GoalView
-from kalscope_app.views.widgets import escape_markdown, on_user
+from kalscope_app.views.widgets import capitalised, escape_markdown, on_user
 from kalscope_app.views.window import VERDICT
 
 # Advice as buttons: the label of each, and the one undoable step that it takes.
 
 
+Search = Callable[[State], Request | None]
+"""What to search for on the state that is present then."""
+
+WORDS: dict[type[object], str] = {
+    actions.EstimateAgain: "Fit again",
+    actions.AddMomentum: "Add momentum at this lag",
+    actions.SetSpikesAside: "Set the spikes aside and fit again",
+    actions.GiveNoise: "Give the noise of the sensor",
+    actions.ChooseFilter: "Choose a lag",
+    actions.UnsetStart: "Start from the first sample",
+}
+"""Labels of what has no numbers."""
+
+
 def label_of(action: actions.Action | None, state: State) -> str:
     """The label of the button; "" where there is none, as for a new recording or a goal that is chosen already."""
     match action:
-        case actions.EstimateAgain():
-            words = "Fit again"
-        case actions.SetSpikesAside():
-            words = "Set the spikes aside and fit again"
         case actions.SetGate(sigma):
-            words = "Switch the gate off" if sigma is None else f"Switch the gate on ({trimmed(sigma)} σ)"
+            return "Switch the gate off" if sigma is None else f"Switch the gate on ({trimmed(sigma)} σ)"
         case actions.UseStillStretch(first, last):
-            words = f"Use the still stretch {stretch_text(state, first, last)}"
+            return f"Use the still stretch {stretch_text(state, first, last)}"
         case actions.Scale(q, r):
-            words = _scale_words(q, r)
-        case actions.GiveNoise():
-            words = "Give the noise of the sensor"
-        case actions.ChooseFilter():
-            words = "Choose a lag" if state.view.search_method != FOR_LAG else ""
-        case actions.UnsetStart():
-            words = "Start from the first sample"
-        case actions.RecordLonger() | None:
-            words = ""
-    return words
+            return _scale_words(q, r)
+        case actions.ChooseFilter() if state.view.search_method == FOR_LAG:
+            return ""
+        case _:
+            return WORDS.get(type(action), "")
 
 
-def take(action: actions.Action, state: State, session: Session, goal: GoalView) -> None:
+def take(action: actions.Action, state: State, session: Session, search: Callable[[Search], object]) -> None:
     """Do what a piece of advice about `state` says, as one step that Undo takes back.
 
     Args:
         action: what to do.
         state: the state that was judged; nothing is done once another recording or channel is on screen.
         session: where the change is filed.
-        goal: runs a search where one is needed.
+        search: starts a search where one is needed.
     """
     request = request_of(action, state)
     if request is None:
         session.request(change_for(action, state))
     else:
-        goal.search(lambda present: request if is_same_signal(present, state) else None)
+        search(lambda present: request if is_same_signal(present, state) else None)
 
 
 def request_of(action: actions.Action, state: State) -> Request | None:
@@ -89,11 +96,14 @@ def request_of(action: actions.Action, state: State) -> Request | None:
         case actions.UseStillStretch(first, last):
             return Request(noise=Noise(still=(first, last)))
         case actions.SetSpikesAside():
-            outcome = state.answers.outcome
+            outcome = state.searched
             before = Request() if outcome is None or outcome.request is None else outcome.request
             return replace(before, robust=True)  # what was known about the noise still is
         case actions.EstimateAgain():
             return Request()
+        case actions.AddMomentum(tau):
+            lag = float(steady_state(state.params).lag_samples)
+            return Request(target={"lag_samples": lag}, momentum=tau)
         case _:
             return None
 
@@ -108,20 +118,15 @@ def stretch_text(state: State, first: int, last: int) -> str:
 
 def _scale_words(q: float, r: float) -> str:
     """The change of q and r in words: "Raise q 10 × and lower r 2 ×"."""
-    parts: list[str] = []
-    for name, factor in (("q", q), ("r", r)):
-        size = max(factor, 1.0 / factor)
-        if size > 1.0:
-            verb = "raise" if factor > 1.0 else "lower"
-            parts.append(f"{verb} {name} {times(size)}")
-    words = " and ".join(parts)
-    return f"{words[:1].upper()}{words[1:]}"
+    verbs = (("raise" if factor > 1.0 else "lower", name, factor) for name, factor in (("q", q), ("r", r)))
+    parts = [f"{verb} {name} {times(max(size, 1.0 / size))}" for verb, name, size in verbs if size != 1.0]
+    return capitalised(" and ".join(parts))
 
 
 # Does the filter fit? One coloured word above the tabs; a click shows or hides why, and what to do about it.
 
 
-UNJUDGED = "These tests judge the Kalman filter of one channel; another filter is on screen."
+UNJUDGED = "Nothing to judge: no Kalman filter of one channel runs here, or its q and r are still to be found."
 
 COLOURS = {"good": (0, 122, 90), "note": (150, 82, 0), "bad": (196, 46, 22)}
 """Of the word, by tone; the page lightens them for the dark theme."""
@@ -130,8 +135,11 @@ COLOURS = {"good": (0, 122, 90), "note": (150, 82, 0), "bad": (196, 46, 22)}
 class VerdictView:
     """The word, and below it the headline with its advice."""
 
+    search: Callable[[Search], object]
+    """Starts the searches that advice asks for."""
+
     def __init__(self, gui: viser.GuiApi, session: Session) -> None:
-        self._shown = False
+        self._session, self._shown = session, False
         gui.add_html(VERDICT)
         self._word = gui.add_button("…", hint="Whether the filter fits the recording. Click for the reasons.")
         on_user(self._word.on_click, lambda _client: session.request(set_why_shown(not self._shown)))
@@ -140,12 +148,10 @@ class VerdictView:
         """What the word hides: built separately, so that another button can be placed beside the word."""
         with gui.add_folder(None, visible=False) as self._why:
             self._headline = gui.add_markdown("")
-            self._advice = [AdviceRow(gui) for _ in range(MAX_ADVICE)]
+            self._advice = [AdviceRow(gui, self._take) for _ in range(MAX_ADVICE)]
 
-    def connect(self, session: Session, goal: GoalView) -> None:
-        """Let the buttons act: change the session, or search."""
-        for row in self._advice:
-            row.connect(session, goal)
+    def _take(self, action: Action, state: State) -> None:
+        take(action, state, self._session, self.search)
 
     def show(self, frame: Frame) -> None:
         """Show or hide the reasons."""
@@ -161,7 +167,8 @@ class VerdictView:
         """Write the word and the reasons."""
         judged = isinstance(checks, Judged)
         judgement = None if checks is None else checks.judgement if judged else checks.urgent
-        self._word.label, self._word.color = word_of(judgement)
+        self._word.label, tone = ("no verdict", "note") if judgement is None else (judgement.word, judgement.tone)
+        self._word.color = COLOURS[tone]
         headline = UNJUDGED if judgement is None else f"**{judgement.headline}**"
         self._headline.content = reasons_of(checks) if judged else headline
         advice = () if judgement is None or judged else judgement.findings
@@ -176,29 +183,15 @@ def reasons_of(judged: Judged) -> str:
     return "\n\n".join([f"**{escape_markdown(judgement.headline, 400)}**", *faults])
 
 
-def word_of(judgement: Judgement | None) -> tuple[str, tuple[int, int, int]]:
-    """The label of the button, and its colour."""
-    if judgement is None:
-        return "no verdict", COLOURS["note"]
-    return judgement.word, COLOURS[judgement.tone]
-
-
 class AdviceRow:
     """One piece of advice: what was found, and the button that does something about it."""
 
-    def __init__(self, gui: viser.GuiApi) -> None:
+    def __init__(self, gui: viser.GuiApi, act: Callable[[Action, State], None]) -> None:
+        """Args: the panel; does what was advised about a state."""
         self._text = gui.add_markdown("", visible=False)
         self._button = gui.add_button("", visible=False, hint="One step; Undo reverts it.")
         self._shown: tuple[Action, State] | None = None
-
-    def connect(self, session: Session, goal: GoalView) -> None:
-        """Let the button act on the advice that is shown at the moment of the click."""
-
-        def click() -> None:
-            if self._shown is not None:
-                take(*self._shown, session, goal)
-
-        on_user(self._button.on_click, lambda _client: click())
+        on_user(self._button.on_click, lambda _client: self._shown and act(*self._shown))
 
     def show(self, advice: Finding | None, checks: Checks | None) -> None:
         """Write the advice; without one, or without anything to do about it, take the row or the button away."""
@@ -228,26 +221,17 @@ class ChecksView:
             self._correlation.hide()
             return
         self._table.content = table(checks)
-        self._correlation.show(*correlation_lines(checks))
+        x, lines = correlation_lines(checks)
+        self._correlation.draw(x, lines, "lag (samples)", "autocorrelation")
 
 
-def correlation_lines(checks: Checks) -> tuple[Array, list[Array], ChartLayout]:
+def correlation_lines(checks: Checks) -> tuple[Array, list[ChartLine]]:
     """Autocorrelation of the innovation at lags 1 … h, and the 95 % bound of white noise."""
     d, palette = checks.all_samples, DARK if checks.state.view.dark else LIGHT
-    lags = np.arange(1.0, len(d.correlation) + 1.0)
-    bound = np.full(len(lags), d.r1_bound)
-    marks = {"show": True, "size": 7, "space": 0, "fill": palette.innovation}
-    layout = ChartLayout(
-        (
-            {"label": "lag (samples)"},
-            line("−bound"),
-            line("+bound"),
-            {**line("autocorrelation of the innovation", palette.innovation), "points": marks},
-        ),
-        axes("autocorrelation"),
-        ({"series": (2, 1), "fill": palette.innovation_band},),
-    )
-    return lags, [-bound, bound, d.correlation], layout
+    bound = np.full(len(d.correlation), d.r1_bound)
+    edges = band(0.0, bound, "bound", palette.innovation + palette.band, scaled=True)
+    points, name = marks(palette.innovation, 7), "autocorrelation of the innovation"
+    return np.arange(1.0, len(bound) + 1.0), [*edges, line(d.correlation, name, palette.innovation, points=points)]
 
 
 def table(checks: Checks) -> str:

@@ -1,49 +1,34 @@
-"""The Export tab: code for a device, the report, the tuning file, the commands that reopen what is open."""
+"""The Export tab: code for a device, the report and data as downloads, the command that reopens what is open."""
 
 from __future__ import annotations
 
 import io
 import re
-import threading
 import zipfile
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import partial
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import viser
 
-from kalscope.common.files import check_inside
 from kalscope.common.text import duration, lag_text, typed_number
 from kalscope.errors import BadSetting
 from kalscope.export.csv import filtered_csv_chunks
-from kalscope.export.registry import (
-    TARGETS,
-    existing_files,
-    export_tuning,
-    in_sketch_folder,
-    limits_of,
-    sketch_name,
-    write_files,
-)
-from kalscope.export.report import Report, as_html, make_report
+from kalscope.export.registry import TARGETS, export_tuning, in_sketch_folder, limits_of, sketch_name
+from kalscope.export.report import as_html, make_report
 from kalscope.filtering.steady import steady_state
-from kalscope.tuning.file import dumps, save_tuning
-from kalscope.tuning.tuning import Tuning, rescaled_to_period, same_period
+from kalscope.tuning.file import dumps
+from kalscope.tuning.tuning import Tuning, rescaled_to_period
 from kalscope_app.engine.frame import Frame
 from kalscope_app.engine.jobs import Jobs
-from kalscope_app.guard.viser_private import take_upload
-from kalscope_app.session.changes import ENDING, uploaded_settings, use_settings
+from kalscope_app.session.changes import ENDING, share_line
 from kalscope_app.session.session import Failed, Session
-from kalscope_app.session.share import share_line
 from kalscope_app.session.state import State
-from kalscope_app.views.widgets import escape_markdown, on_user
+from kalscope_app.views.widgets import add_button, escape_markdown, on_user, put
 from kalscope_app.views.window import COPY_BUTTON, PRIMARY
 
-# Dialogs in one browser: files to read and copy, and what would be overwritten.
+# A dialog in one browser: files to read and copy.
 
 
 WIDE = """<style>
@@ -67,33 +52,7 @@ def show_files(client: viser.ClientHandle, files: dict[str, str]) -> None:
             with tabs.add_tab(name):
                 client.gui.add_text(name, text, multiline=True)
                 client.gui.add_button(COPY_BUTTON)
-        _add_close(client, window)
-
-
-def ask_to_overwrite(
-    client: viser.ClientHandle,
-    folder: str,
-    names: Iterable[str],
-    overwrite: Callable[[], object],
-    other: str = "folder",
-) -> None:
-    """Ask in one browser whether existing files may be overwritten, or another folder or name is chosen."""
-    with client.gui.add_modal("Overwrite files?") as window:
-        there = ", ".join(escape_markdown(name, 80) for name in names)
-        client.gui.add_markdown(f"These files exist in **{escape_markdown(folder, 200)}**: {there}. Overwrite?")
-        yes = client.gui.add_button("Overwrite", color=PRIMARY)
-        no = client.gui.add_button(f"Choose another {other}", hint="Saves nothing.")
-
-    def accept() -> None:
-        window.close()
-        overwrite()
-
-    on_user(yes.on_click, lambda _client: accept())
-    on_user(no.on_click, lambda _client: window.close())
-
-
-def _add_close(client: viser.ClientHandle, window: Any) -> None:
-    on_user(client.gui.add_button("Close").on_click, lambda _client: window.close())
+        add_button(client.gui, "Close", None, lambda _client: window.close())
 
 
 # What the user chose to export, what will differ on the device, and the files to export. Pure.
@@ -105,8 +64,8 @@ UNEVEN = 0.5
 """Periods by which a time step must differ from one before a device would show it."""
 
 GAPS = (
-    "On screen, gaps in time count. The code and the test vectors take one period per sample: pass a NaN to the "
-    "device's filter for each missing sample."
+    "On screen, gaps in time count. The code takes one period per sample: pass a NaN to the device's filter "
+    "for each missing sample."
 )
 
 
@@ -124,39 +83,16 @@ class Choice:
     """With a sketch that measures r itself, where the target has that choice."""
 
 
-@dataclass(frozen=True)
-class DeviceNotes:
-    """The texts below the choice."""
-
-    lag: str
-    """The lag at the period of the device, markdown; "" where it is not known."""
-    limits: str
-    """What will differ from the screen, markdown; "" where nothing does."""
-
-
-def device_notes(state: State, choice: Choice = Choice()) -> DeviceNotes:
-    """How the filter on screen will run on the device at this choice. A study."""
-    lag = ""
+def device_notes(state: State, choice: Choice = Choice()) -> str:
+    """How the filter on screen will run on the device at this choice, as markdown. A study."""
+    notes = [limits_text(state, choice)]
     if state.is_standard:
         with suppress(BadSetting):  # the limits say why
-            lag = _lag_note(state, choice)
-    return DeviceNotes(lag, limits_text(state, choice))
-
-
-def _lag_note(state: State, choice: Choice) -> str:
-    """The lag on the device, and as recorded where that is at another period."""
-    recorded, there = state.as_tuning(), device_tuning(state, choice)
-    here, period = recorded.sample_period, there.sample_period
-    if period is None:
-        return ""
-    lag, before = (
-        lag_text(steady_state(one.channel(state.channel).params, one.sample_period).lag_samples, one.sample_period)
-        for one in (there, recorded)
-    )
-    same = here is None or same_period(period, here)
-    return (
-        f"Lag **{lag}** at {duration(period)} per sample{', as recorded' if same else f'; {before} as recorded'}."
-    )
+            there = device_tuning(state, choice)
+            if (period := there.sample_period) is not None:
+                lag = steady_state(there.channel(state.channel).params, period).lag_samples
+                notes.insert(0, f"Lag **{lag_text(lag, period)}** at {duration(period)} per sample.")
+    return "\n\n".join(filter(None, notes))
 
 
 def limits_text(state: State, choice: Choice = Choice()) -> str:
@@ -180,19 +116,13 @@ def limits_text(state: State, choice: Choice = Choice()) -> str:
     return "\n".join(f"- {line}" for line in lines) if len(lines) > 1 else "".join(lines)
 
 
-def files_of(state: State, choice: Choice, *, vectors: bool = False) -> dict[str, str]:
-    """The files of a choice for what is on screen, by name; with the test vectors if asked for.
+def files_of(state: State, choice: Choice) -> dict[str, str]:
+    """The files of a choice for what is on screen, by name.
 
     Raises:
         BadSetting: As `export_tuning`, and where a channel has the Khan et al. filter.
     """
-    recording = state.recording if vectors else None
-    return export_tuning(
-        device_tuning(state, choice),
-        choice.target,
-        vectors=recording,
-        calibration=choice.calibration,
-    )
+    return export_tuning(device_tuning(state, choice), choice.target, calibration=choice.calibration)
 
 
 def device_tuning(state: State, choice: Choice) -> Tuning:
@@ -226,7 +156,7 @@ def packed(target: str, files: dict[str, str]) -> tuple[str, bytes]:
     return f"{title}.zip", buffer.getvalue()
 
 
-# Code for a device: choose a target, preview its files, save or download them.
+# Code for a device: choose a target, preview its files, download them.
 
 
 THIS, ALL = "this channel", "all channels"
@@ -235,49 +165,26 @@ THIS, ALL = "this channel", "all channels"
 class CodeView:
     """The folder "Export code" of the Export tab. Files are made as jobs from the state on screen."""
 
-    def __init__(
-        self, gui: viser.GuiApi, session: Session, jobs: Jobs, tell: Callable[..., None], folder: Path
-    ) -> None:
-        self._session, self._jobs, self._tell, self._folder = session, jobs, tell, folder
+    def __init__(self, gui: viser.GuiApi, session: Session, jobs: Jobs) -> None:
+        self._session, self._jobs = session, jobs
         with gui.add_folder("Export code"):
             self._target = gui.add_dropdown("target", tuple(TITLES), hint="Where it will run.")
             self._what = gui.add_markdown(TARGETS["arduino"].what)
-            self._period = gui.add_text(
-                "device sample period (s)", "", hint="Time between two samples on the device. Empty: as recorded."
-            )
-            self._lag = gui.add_markdown("", visible=False)
-            self._limits = gui.add_markdown("", visible=False)
-            look = gui.add_button("Preview code", hint="Shows the files, to read and copy.")
-            self._name = gui.add_text("folder", "export", hint="Inside the folder in which Kalscope was started.")
-            save = gui.add_button("Save to the folder", color=PRIMARY, hint="Asks before it overwrites a file.")
-            download = gui.add_button("Download", hint="One file, or a zip of several.")
-            self._build_options(gui)
-        on_user(self._target.on_update, lambda _client: self._show_target())
-        for box in (self._channels, self._period, self._calibration):
-            on_user(box.on_update, lambda _client: self._ask_notes())
-        on_user(look.on_click, lambda client: self._with_files(lambda files: show_files(client, files)))
-        on_user(save.on_click, self._save)
-        on_user(download.on_click, lambda client: self._with_files(partial(self._send, client, self.choice.target)))
-
-    def _build_options(self, gui: viser.GuiApi) -> None:
-        with gui.add_folder("Options", expand_by_default=False) as self._options:
             self._channels = gui.add_dropdown("channels", (THIS, ALL), hint="Which filters the files contain.")
-            self._vectors = gui.add_checkbox(
-                "test vectors",
-                False,
-                hint="groundtruth.csv: the first samples of this recording, raw and filtered.",
-            )
-            self._calibration = gui.add_checkbox(
-                "self-calibration", False, hint="The board measures r itself when it is asked to."
-            )
+            hint = "Time between two samples on the device. Empty: as recorded."
+            self._period = gui.add_text("device sample period (s)", "", hint=hint)
+            hint = "The board measures r itself when it is asked to."
+            self._calibration = gui.add_checkbox("self-calibration", False, hint=hint)
+            self._notes = gui.add_markdown("", visible=False)
+            add_button(gui, "Preview code", "Shows the files, to read and copy.", self._preview)
+            add_button(gui, "Download code", "One file, or a zip of several.", self._send, color=PRIMARY)
+        for box in (self._target, self._channels, self._period, self._calibration):
+            on_user(box.on_update, lambda _client: self._show_choice())
 
-    def _show_target(self) -> None:
-        name = TITLES[self._target.value]
-        self._what.content = TARGETS[name].what
-        self._calibration.visible = TARGETS[name].can_calibrate
-        self._ask_notes()
-
-    def _ask_notes(self) -> None:
+    def _show_choice(self) -> None:
+        target = TARGETS[self.choice.target]
+        put(self._what, content=target.what)
+        put(self._calibration, visible=target.can_calibrate)
         self._jobs.run_with_state(self._session, lambda state: self.show_notes(device_notes(state, self.choice)))
 
     @property
@@ -285,50 +192,27 @@ class CodeView:
         """What is chosen now."""
         target = TITLES[self._target.value]
         calibration = self._calibration.value and TARGETS[target].can_calibrate
-        everything = self._channels.value == ALL
-        return Choice(target, everything, self._period.value, calibration)
+        return Choice(target, self._channels.value == ALL, self._period.value, calibration)
 
-    def _save(self, client: viser.ClientHandle) -> None:
-        name = self._name.value.strip()
+    def _preview(self, client: viser.ClientHandle) -> None:
+        self._with_files(lambda files: show_files(client, files))
 
-        def save(files: dict[str, str]) -> None:
-            folder = check_inside(name, self._folder)
-            if folder == self._folder.resolve() or any(part.startswith(".") for part in Path(name).parts):
-                raise BadSetting(f"the folder must be named like export (got {name!r})")
-            inside = in_sketch_folder(files)
-            write = partial(self._write, inside, folder, force=True)
-            if there := existing_files(inside, folder):
-                ask_to_overwrite(client, name, there, lambda: self._jobs.run(write, Failed.SAVE))
-            else:
-                self._write(inside, folder)
+    def _send(self, client: viser.ClientHandle) -> None:
+        target = self.choice.target
+        self._with_files(lambda files: client.send_file_download(*packed(target, files), save_immediately=True))
 
-        self._with_files(save, Failed.SAVE)
-
-    def _write(self, files: dict[str, str], folder: Path, *, force: bool = False) -> None:
-        written = write_files(files, folder, force=force)
-        place = written[0].parent.relative_to(self._folder.resolve()).as_posix()
-        self._tell(f"Saved {', '.join(path.name for path in written)} in {place}", good=True)
-
-    @staticmethod
-    def _send(client: viser.ClientHandle, target: str, files: dict[str, str]) -> None:
-        """One file as it is, several as a zip."""
-        client.send_file_download(*packed(target, files), save_immediately=True)
-
-    def _with_files(self, use: Callable[[dict[str, str]], None], failed: Failed = Failed.EXPORT) -> None:
+    def _with_files(self, use: Callable[[dict[str, str]], None]) -> None:
         """Make the files of the state on screen, as a job, and hand them on."""
-        choice, vectors = self.choice, self._vectors.value
-        self._jobs.run_with_state(
-            self._session, lambda state: use(files_of(state, choice, vectors=vectors)), failed
-        )
+        choice = self.choice
+        self._jobs.run_with_state(self._session, lambda state: use(files_of(state, choice)), Failed.EXPORT)
 
     def show(self, frame: Frame) -> None:
         """One channel leaves no choice, and neither do fused sensors."""
         self._channels.visible = len(frame.state.recording.names) > 1 and frame.state.fusion is None
 
-    def show_notes(self, notes: DeviceNotes) -> None:
+    def show_notes(self, notes: str) -> None:
         """Show the lag at the period of the device, and what differs there."""
-        for text, line in ((self._lag, notes.lag), (self._limits, notes.limits)):
-            text.content, text.visible = line, bool(line)
+        put(self._notes, content=notes, visible=bool(notes))
 
 
 # The commands that reopen and filter what is open, to be copied into a terminal.
@@ -350,133 +234,55 @@ class CommandLineView:
         self._text.content = " ".join(shared.remarks)
 
 
-# The one-page report for the lab book, HTML, and the filtered signal as CSV.
+# Downloads: the one-page report for the lab book, the filtered signal, and the tuning file.
 
 
-PAGE = "One page on what is on screen: chart, parameters, tests, pinned settings, and how to reopen it."
+def add_downloads(gui: viser.GuiApi, session: Session, jobs: Jobs) -> None:
+    """The folder "Report and data" of the Export tab; what its buttons send is made as a job."""
 
-
-class ReportView:
-    """Three buttons in the Export tab; what they send is made as a job."""
-
-    def __init__(self, gui: viser.GuiApi, session: Session, jobs: Jobs) -> None:
-        def add(label: str, hint: str, name: str, make: Callable[[State], bytes]) -> None:
-            def send(state: State, client: viser.ClientHandle) -> None:
+    def add(label: str, hint: str, name: str, make: Callable[[State], bytes]) -> None:
+        def send(client: viser.ClientHandle) -> None:
+            def work(state: State) -> None:
                 client.send_file_download(name, make(state), save_immediately=True)
 
-            on_user(
-                gui.add_button(label, hint=hint).on_click,
-                lambda client: jobs.run_with_state(session, lambda state: send(state, client), Failed.SAVE),
-            )
+            jobs.run_with_state(session, work, Failed.SAVE)
 
-        with gui.add_folder("Report and data"):
-            add("Download report", f"{PAGE} Prints on one sheet.", "report.html", html_report)
-            add("Download filtered CSV", "Time, raw, filtered and variance of every channel.", "filtered.csv", csv)
+        add_button(gui, label, hint, send)
+
+    with gui.add_folder("Report and data"):
+        hint = "One page on what is on screen: chart, parameters, tests, pinned settings. Prints on one sheet."
+        add("Download report", hint, "report.html", html_report)
+        hint = "Time, raw, filtered and variance of every channel."
+        add("Download filtered CSV", hint, "filtered.csv", csv)
+        hint = "q, r, momentum, p0 and x0 of every channel; Source opens it."
+        add("Download tuning file", hint, f"tuning{ENDING}", tuning_file)
 
 
 def html_report(state: State) -> bytes:
-    """The page as HTML."""
-    return as_html(_report(state)).encode()
+    """The report on the channel on screen, or on the fused sensors, as HTML."""
+    tuning = state.as_tuning()
+    if state.fusion is not None:
+        return as_html(make_report(state.recording, tuning, fusion=state.fusion.used)).encode()
+    state.require_exportable([state.channel])
+    pins = [(variant.name, variant.tuning) for variant in state.variants]
+    line = share_line(state).line
+    return as_html(make_report(state.recording, tuning, state.channel, command=line, pins=pins)).encode()
 
 
 def csv(state: State) -> bytes:
     """The filtered signal of every channel, or the fused one of its sensors."""
+    filters = [state.fusion.used] if state.fusion is not None else _every_channel(state).channels
     file = io.BytesIO()  # not one text and then its bytes: of 10 million samples each is 0.6 GB
-    for text in _csv_chunks(state):
+    for text in filtered_csv_chunks(state.recording, filters):
         file.write(text.encode())
     return file.getvalue()
 
 
-def _csv_chunks(state: State) -> Iterator[str]:
-    if state.fusion is not None:
-        return filtered_csv_chunks(state.recording, [state.fusion.used])
+def tuning_file(state: State) -> bytes:
+    """The tuning of every channel, as it is saved."""
+    return dumps(_every_channel(state)).encode()
+
+
+def _every_channel(state: State) -> Tuning:
     state.require_exportable(state.recording.names)
-    return filtered_csv_chunks(state.recording, state.as_tuning().channels)
-
-
-def _report(state: State) -> Report:
-    if state.fusion is not None:
-        return make_report(state.recording, state.as_tuning(), fusion=state.fusion.used)
-    state.require_exportable([state.channel])
-    pins = [(variant.name, variant.tuning) for variant in state.variants]
-    return make_report(state.recording, state.as_tuning(), state.channel, command=share_line(state).line, pins=pins)
-
-
-# The tuning file: saved, downloaded, and uploaded onto what is open.
-
-
-DEFAULT_NAME = f"tuning{ENDING}"
-
-
-class TuningFileView:
-    """The folder "Tuning file" of the Export tab. Files are written as jobs."""
-
-    def __init__(
-        self, gui: viser.GuiApi, session: Session, jobs: Jobs, tell: Callable[..., None], folder: Path
-    ) -> None:
-        self._session, self._jobs, self._tell, self._folder = session, jobs, tell, folder
-        self._building = threading.Lock()
-        self._ours = set[Path]()  # files saved here: saving again asks nothing
-        with gui.add_folder("Tuning file") as self._widgets:
-            self._path = gui.add_text(
-                "tuning file", DEFAULT_NAME, hint="A file name in the folder in which Kalscope was started."
-            )
-            save = gui.add_button("Save tuning file", hint="q, r, momentum, p0 and x0 of every channel.")
-            download = gui.add_button("Download tuning file", hint="The same file, as a download.")
-        on_user(save.on_click, self._ask_to_save)
-        on_user(
-            download.on_click,
-            lambda client: jobs.run_with_state(session, lambda state: _send(state, client), Failed.SAVE),
-        )
-
-    def add_upload(self, client: viser.ClientHandle) -> None:
-        """Give one browser its own upload button: a shared one would replay each upload to new browsers."""
-        with self._building, self._widgets:  # two browsers may come at once, and viser enters a folder only once
-            button = client.gui.add_upload_button(
-                "Upload tuning file …", mime_type=ENDING, hint="Loads a tuning file of this computer."
-            )
-
-        def take(_event: viser.GuiEvent[Any]) -> None:
-            upload = take_upload(button)
-            self._jobs.run(lambda: self._upload(upload.name, upload.content), Failed.OPEN)
-
-        button.on_upload(take)
-
-    def _upload(self, name: str, content: bytes) -> None:
-        self._session.request(use_settings(uploaded_settings(name, content), name), failed=Failed.OPEN)
-
-    @property
-    def _name(self) -> str:
-        return self._path.value.strip() or DEFAULT_NAME
-
-    def _checked(self, name: str) -> Path:
-        """The path inside the folder of Kalscope; BadSetting where it is outside or not that of a tuning file."""
-        path = check_inside(name, self._folder)
-        if path.suffix != ENDING or any(part.startswith(".") for part in Path(name).parts if part != "."):
-            raise BadSetting(f"the tuning file must be named like {DEFAULT_NAME} (got {name!r})")
-        return path
-
-    def _ask_to_save(self, client: viser.ClientHandle) -> None:
-        name = self._name
-
-        def save(state: State) -> None:
-            path = self._checked(name)
-            state.require_exportable(state.recording.names)
-            write = partial(self._write, state.as_tuning(), path)
-            if path.exists() and path not in self._ours:
-                place = self._folder.resolve().name
-                ask_to_overwrite(client, place, [name], lambda: self._jobs.run(write, Failed.SAVE), "name")
-            else:
-                write()
-
-        self._jobs.run_with_state(self._session, save, Failed.SAVE)
-
-    def _write(self, tuning: Tuning, path: Path) -> None:
-        save_tuning(tuning, path)
-        self._ours.add(path)
-        self._tell(f"Saved {path}", good=True)
-
-
-def _send(state: State, client: viser.ClientHandle) -> None:
-    state.require_exportable(state.recording.names)
-    client.send_file_download(DEFAULT_NAME, dumps(state.as_tuning()).encode(), save_immediately=True)
+    return state.as_tuning()

@@ -11,19 +11,11 @@ from typing import TYPE_CHECKING
 import viser
 
 from kalscope.common.text import one_line, trimmed
-from kalscope.errors import BadSetting
 from kalscope_app.engine.jobs import Jobs
-from kalscope_app.session.changes import (
-    close_fleet,
-    find_devices,
-    open_fleet,
-    set_at_shared,
-    set_fleet_order,
-)
+from kalscope_app.session.changes import close_fleet, find_devices, set_fleet_order
 from kalscope_app.session.session import Failed, Session
 from kalscope_app.session.state import ORDERS, OpenFleet, loss_text
-from kalscope_app.views.widgets import bind, escape_markdown, offer, on_user, put
-from kalscope_app.worker.worker import Worker
+from kalscope_app.views.widgets import add_button, bind, escape_markdown, offer, on_user, put
 
 if TYPE_CHECKING:
     from kalscope.fleet.results import Fleet
@@ -89,36 +81,25 @@ def html_page(shown: OpenFleet) -> bytes:
 MAX_ON_PAGE = 2000
 
 
-class FleetView:
-    """The folder "Fleet" of the Source tab: opens and closes one."""
+def csv(shown: OpenFleet) -> bytes:
+    """The whole table."""
+    from kalscope.fleet.results import table_as_csv
 
-    def __init__(self, gui: viser.GuiApi, session: Session, jobs: Jobs, worker: Worker) -> None:
-        self._session, self._jobs, self._worker = session, jobs, worker
-        with gui.add_folder("Fleet", expand_by_default=False):
-            with gui.add_form(None) as form:
-                self._path = gui.add_text("fleet folder", "", hint="The output folder (-o) of kalscope fleet.")
-            open_button = gui.add_button(
-                "Open fleet", hint="Shows its devices in a tab beside the charts and in the map."
-            )
-            self._close = gui.add_button("Close fleet", visible=False, hint="Take its devices off the map.")
-        for subscribe in (open_button.on_click, form.on_submit):
-            on_user(subscribe, lambda _client: self._open(self._path.value.strip()))
-        on_user(self._close.on_click, lambda _client: session.request(close_fleet))
+    return table_as_csv(shown.fleet)
 
-    def _open(self, folder: str) -> None:
-        def work() -> None:
-            if not folder or not Path(folder).is_dir():
-                raise BadSetting(f"fleet folder must be the -o of kalscope fleet (got {folder[:200]!r}, no folder)")
-            from kalscope.fleet.results import read_fleet  # with the fits of a fleet
 
-            fleet = self._worker.run(partial(read_fleet, Path(folder)), one_line(Path(folder).name)[:100])
-            self._session.request(open_fleet(fleet), failed=Failed.FLEET)
+DOWNLOADS: dict[str, tuple[str, str, Callable[[OpenFleet], bytes]]] = {
+    "Download CSV": ("The whole table of kalscope fleet.", "fleet.csv", csv),
+    "Download page": ("The answer and the devices in this order: one HTML file.", "fleet.html", html_page),
+}
+"""Buttons: their hints, the names of their files, and what makes them."""
 
-        self._jobs.run(work, Failed.FLEET)
 
-    def show(self, shown: OpenFleet | None) -> None:
-        """Offer to close what is open."""
-        put(self._close, visible=shown is not None)
+def fleet_of(folder: Path) -> Fleet:
+    """The fleet of the output folder of `kalscope fleet`."""
+    from kalscope.fleet.results import read_fleet  # with the fits of a fleet
+
+    return read_fleet(folder)
 
 
 NONE = "–"
@@ -147,25 +128,17 @@ class FleetTab:
             self._order = gui.add_dropdown("sort by", tuple(ORDERS), hint="Which devices the table begins with.")
             self._find = gui.add_text("find device", shown.find, hint="Part of its name.")
             self._table = gui.add_markdown("")
-            self._device = gui.add_dropdown(
-                "open device",
-                list[str]([NONE]),
-                hint="Opens its recording; so does a click on its point in the map.",
-            )
-            self._at_shared = gui.add_checkbox(
-                "at the filter for all", False, hint="Open devices with the q and r that all share."
-            )
-            csv = gui.add_button("Download CSV", hint="The whole table of kalscope fleet.")
-            page = gui.add_button("Download page", hint="The answer and the devices in this order: one HTML file.")
+            hint = "Opens its recording; so does a click on its point in the map."
+            self._device = gui.add_dropdown("open device", list[str]([NONE]), hint=hint)
+            for label, (hint, name, make) in DOWNLOADS.items():
+                add_button(gui, label, hint, partial(self._send, name, make))
+            add_button(gui, "Close fleet", "Take its devices off the map.", lambda _: session.request(close_fleet))
         bind(self._order, session, set_fleet_order)
         bind(self._find, session, find_devices)
-        bind(self._at_shared, session, set_at_shared)
         on_user(self._device.on_update, lambda _client: self._on_device())
-        on_user(csv.on_click, lambda client: self._send(client, "fleet.csv", _csv))
-        on_user(page.on_click, lambda client: self._send(client, "fleet.html", html_page))
         return tab
 
-    def _send(self, client: viser.ClientHandle, name: str, make: Callable[[OpenFleet], bytes]) -> None:
+    def _send(self, name: str, make: Callable[[OpenFleet], bytes], client: viser.ClientHandle) -> None:
         shown = self._shown
         if shown is not None:
             send = client.send_file_download
@@ -190,12 +163,5 @@ class FleetTab:
             put(self._about, content=about_fleet(shown.fleet))
             put(self._table, content=fleet_table(shown))
             put(self._order, value=shown.order)
-            put(self._at_shared, value=shown.at_shared)
             offer(self._device, (NONE, *device_labels(shown)), NONE)
         self._shown = shown
-
-
-def _csv(shown: OpenFleet) -> bytes:
-    from kalscope.fleet.results import table_as_csv
-
-    return table_as_csv(shown.fleet)

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import threading
-from collections.abc import Callable
+from functools import partial
 
 import viser
 
@@ -14,24 +13,21 @@ from kalscope_app.session.changes import (
     apply_estimate,
     candidates,
     readings_of,
-    sensor_limits,
-    set_sensor_exponent,
     set_sensor_text,
     set_taking_part,
     stop_fusing,
+    studied,
 )
-from kalscope_app.session.live_changes import studied
 from kalscope_app.session.session import Failed, Session
 from kalscope_app.session.state import MAX_SENSORS, Change, State
 from kalscope_app.studies.checks import Judged
 from kalscope_app.views.checks import reasons_of
 from kalscope_app.views.widgets import (
-    NumberWithSlider,
-    SlowJobProgress,
+    SlowJob,
     TypedNumber,
+    add_button,
     escape_markdown,
     offer,
-    on_decades,
     on_user,
     put,
 )
@@ -42,9 +38,11 @@ from kalscope_app.views.widgets import (
 MAX_NAME = 24
 """Characters of a sensor's name."""
 
-R_HINT = "How noisy this sensor is: the variance of one reading. Larger gives it a smaller share."
-
-OFFSET_HINT = "How much higher this sensor reads than the others. It is subtracted."
+BOXES = {
+    "r": ("noise r", "How noisy this sensor is: the variance of one reading. Larger gives it a smaller share."),
+    "offset": ("offset", "How much higher this sensor reads than the others. It is subtracted."),
+}
+"""Label and hint of the box for each number of a sensor."""
 
 
 class SensorControl:
@@ -56,11 +54,15 @@ class SensorControl:
         self.name: str | None = None
         self._fused = False
         self._tick = gui.add_checkbox("", False, visible=False, hint="Whether this sensor takes part.")
-        box = TypedNumber(gui, session, f"r of sensor {number}", "noise r", R_HINT, self._typed("r"))
-        self._r = NumberWithSlider(gui, session, f"log₁₀ r of sensor {number}", box, self._moved)
-        label = f"offset of sensor {number}"
-        self._offset = TypedNumber(gui, session, label, "offset", OFFSET_HINT, self._typed("offset"))
-        self._set_visible(False)
+
+        def box(what: str) -> TypedNumber:
+            def change(_name: str, text: str) -> Change:
+                return set_sensor_text(self.name or "", what, text)
+
+            return TypedNumber(gui, session, f"{what} of sensor {number}", *BOXES[what], change)
+
+        self._boxes = {what: box(what) for what in BOXES}
+        self._show_boxes(visible=False)
         on_user(self._tick.on_update, lambda _client: self._on_tick())
 
     @property
@@ -68,45 +70,32 @@ class SensorControl:
         """Whether its sensor is to take part."""
         return self.name is not None and self._tick.value
 
-    def _set_visible(self, visible: bool) -> None:
-        self._r.set_visible(visible)
-        self._offset.set_visible(visible)
+    def _show_boxes(self, *, visible: bool) -> None:
+        for box in self._boxes.values():
+            box.set_visible(visible)
 
     def offer(self, name: str | None) -> None:
         """Represent this channel, not ticked; None: no channel."""
         self.name = name
-        put(self._tick, label=self._title, visible=name is not None, value=False)
-
-    @property
-    def _title(self) -> str:
-        return "" if self.name is None else one_line(self.name)[:MAX_NAME]
+        put(self._tick, visible=name is not None, value=False)
 
     def show(self, frame: Frame) -> None:
         """Follow the frame; a channel that is not fused has its tick box alone."""
-        fusion, name = frame.state.fusion, self.name
+        fusion, name, share, used = frame.state.fusion, self.name or "", "", False
         self._fused = fusion is not None and name in fusion.tuning.sensors
-        if fusion is None or name is None or not self._fused:
-            put(self._tick, label=self._title)
-            self._set_visible(False)
-            return
-        at, used = fusion.tuning.sensors.index(name), name not in fusion.dropped
-        share = f": share {percent(fusion.shares[name])}" if used else ""
-        put(self._tick, value=used, label=f"{self._title}{share}")
-        self._set_visible(used)
-        if used:
-            r = fusion.tuning.r[at]
-            self._r.show(frame, r, "0", *on_decades(r, *sensor_limits(fusion, name)))
-            self._offset.show(frame, fusion.tuning.offset[at], "0")
+        if fusion is not None and self._fused:
+            used, at = name not in fusion.dropped, fusion.tuning.sensors.index(name)
+            put(self._tick, value=used)
+            if used:
+                share = f": share {percent(fusion.shares[name])}"
+                for what, box in self._boxes.items():
+                    box.show(frame, getattr(fusion.tuning, what)[at], "0")
+        put(self._tick, label=f"{one_line(name)[:MAX_NAME]}{share}")
+        self._show_boxes(visible=used)
 
     def _on_tick(self) -> None:
         if self._fused and self.name is not None:  # else it only marks a channel for the button
             self._session.request(set_taking_part(self.name, self._tick.value))
-
-    def _typed(self, what: str) -> Callable[[str, str], Change]:
-        return lambda _name, text: set_sensor_text(self.name or "", what, text)
-
-    def _moved(self, exponent: float) -> Change:
-        return set_sensor_exponent(self.name or "", exponent)
 
 
 # The closed folder "Fuse sensors": which channels measure one quantity, and what each of them contributes.
@@ -124,42 +113,36 @@ class FusionView:
 
     def __init__(self, gui: viser.GuiApi, session: Session, jobs: Jobs) -> None:
         self._session, self._jobs = session, jobs
-        self._stop = threading.Event()
         self._offered: tuple[str, ...] = ()
         with gui.add_folder("Fuse sensors", expand_by_default=False, visible=False) as self._folder:
             self._said = gui.add_markdown(HOW)
-            with gui.add_form(None):  # boxes and sliders side by side
-                self._rows = [SensorControl(gui, session, i) for i in range(MAX_SENSORS)]
+            self._rows = [SensorControl(gui, session, i) for i in range(MAX_SENSORS)]
             self._reference = gui.add_dropdown("reference", list[str]([NO_REFERENCE]), hint=REFERENCE_HINT)
-            self._fuse = gui.add_button("Fuse", hint="Finds q, noise and offsets; Undo reverts it.")
-            self._progress = gui.add_progress_bar(0.0, visible=False)
-            self._cancel = gui.add_button("Cancel", visible=False, hint="Stop and change nothing.")
-            self._end = gui.add_button("Stop fusing", visible=False, hint="Back to the channel; Undo reverts it.")
+            self._fuse = add_button(gui, "Fuse", "Finds q, noise and offsets; Undo reverts it.", self._start)
+            self._running = SlowJob(gui, "Stop and change nothing.")
+            hint = "Back to the channel; Undo reverts it."
+            end = partial(session.request, stop_fusing)
+            self._end = add_button(gui, "Stop fusing", hint, lambda _client: end(), visible=False)
             self._notes = gui.add_markdown("", visible=False)
-        on_user(self._fuse.on_click, lambda _client: self._start())
-        on_user(self._cancel.on_click, lambda _client: self._stop.set())
-        on_user(self._end.on_click, lambda _client: session.request(stop_fusing))
 
-    def _start(self) -> None:
-        sensors = tuple(row.name for row in self._rows if row.ticked and row.name is not None)
+    def _start(self, _client: viser.ClientHandle) -> None:
+        sensors = tuple(row.name for row in self._rows if row.name is not None and row.ticked)
         reference = self._reference.value if self._reference.value in sensors else None
-        stop = self._stop = threading.Event()
-        self._jobs.run_with_state(
-            self._session, lambda state: self._search(state, sensors, reference, stop), Failed.FUSE
-        )
+        work = partial(self._search, sensors=sensors, reference=reference)
+        self._jobs.run_with_state(self._session, work, Failed.FUSE)
 
-    def _search(self, state: State, sensors: tuple[str, ...], reference: str | None, stop: threading.Event) -> None:
+    def _search(self, state: State, sensors: tuple[str, ...], reference: str | None) -> None:
         from kalscope.estimation.fusion import estimate_fusion
 
         columns, known = readings_of(state, sensors), studied(state)
-        with SlowJobProgress(self._progress, self._cancel) as shown:
+        with self._running as running:
             found = estimate_fusion(
                 known.recording.values[:, columns],
                 dt=known.dt,
                 names=sensors,
                 reference=reference,
-                progress=shown.report,
-                cancelled=stop.is_set,
+                progress=running.report,
+                cancelled=running.is_cancelled,
             )
         self._session.request(apply_estimate(state.recording, sensors, found), failed=Failed.FUSE)
 
@@ -176,7 +159,7 @@ class FusionView:
         for row in self._rows:
             row.show(frame)
         put(self._fuse, label="Fuse again" if fused else "Fuse", visible=bool(names))
-        put(self._end, visible=state.settings.fusion is not None)
+        put(self._end, visible=state.fused is not None)
         put(self._notes, visible=fused)
         if not fused:
             put(self._said, content=HOW)

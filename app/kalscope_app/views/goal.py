@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
-import threading
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Any
 
+import numpy as np
 import viser
 
 from kalscope.common.text import TIME_UNITS, decibels, gate_text, lag_text, number, percent, typed_number
@@ -21,8 +22,9 @@ from kalscope_app.engine.jobs import Jobs
 from kalscope_app.session.changes import apply_found, momentum_words, set_search_method
 from kalscope_app.session.session import Failed, Session
 from kalscope_app.session.state import Outcome, State
-from kalscope_app.views.widgets import SlowJobProgress, bind, noise_left, on_user, put, typed
-from kalscope_app.views.window import PRIMARY
+from kalscope_app.views.charts import DARK, LIGHT, Chart, dots, line, time_scale_for
+from kalscope_app.views.widgets import SlowJob, bind, noise_left, on_user, put, typed
+from kalscope_app.views.window import LAG_NUMBER, PRIMARY
 
 # The ways to find q and r that the dashboard offers: what each asks the user for, and the search it requests.
 
@@ -53,14 +55,14 @@ def _target(
         asked = Request(target={name: factor * typed_number(label, texts[0])}, noise=_known_noise(state))
         if allowed:
             return replace(asked, overshoot=typed_number("overshoot", allowed) / 100.0)
-        return replace(asked, momentum=state.tuning.momentum or "auto")
+        return replace(asked, momentum=state.tuning.momentum or "auto") if with_overshoot else asked
 
     return SearchMethod(request, ((label, content), *(((OVERSHOOT, ""),) if with_overshoot else ())))
 
 
 def _known_noise(state: State) -> Noise:
     """The noise that the last search was given, while its result holds: a new goal does not change the sensor."""
-    found = state.answers.outcome
+    found = state.searched
     return Noise() if found is None or found.request is None else found.request.noise
 
 
@@ -161,17 +163,12 @@ def method_of(state: State) -> SearchMethod:
 
 def costs_of(state: State) -> tuple[Cost, ...]:
     """What each lag costs on the channel on screen; () where that is not known."""
-    first = _first(state)
-    return () if first is None else first.costs
-
-
-def _first(state: State) -> Outcome | None:
-    return next((one for one in state.settings.firsts if one.before.name == state.channel), None)
+    return () if state.first is None else state.first.costs
 
 
 def settings_of(state: State) -> dict[str, Cost]:
     """The three settings by name, where the signal shows hardly any noise; else none."""
-    first = _first(state)
+    first = state.first
     hardly = first is not None and first.request is not None and first.request.setting in SETTINGS
     return {one.name: one for one in costs_of(state) if one.name and hardly}
 
@@ -196,13 +193,16 @@ def settings_text(state: State) -> str:
 MORE_FOLDER = "More settings and numbers"
 """The closed folder below the parameters."""
 
+COSTS_HEIGHT = 170
+"""Height of the chart below it, px."""
+
 NBSP = "\u00a0"
 """Keeps a number and its unit on one line."""
 
 
 def answer_text(state: State) -> str:
     """The last answer as markdown, "" for none; fixed words and numbers, with nothing to escape."""
-    outcome = state.answers.outcome
+    outcome = state.searched
     if outcome is None:
         return ""
     if outcome.after is None:
@@ -264,7 +264,6 @@ class GoalView:
     def __init__(self, gui: viser.GuiApi, session: Session, jobs: Jobs) -> None:
         self._session, self._jobs = session, jobs
         self._shown: tuple[object, ...] = ()
-        self._stop = threading.Event()
         with gui.add_form(None) as self._form:
             self._goal = gui.add_dropdown("goal", (*GOALS, MORE), hint=HINT)
             self._method = gui.add_dropdown(
@@ -276,15 +275,13 @@ class GoalView:
             self._settings = gui.add_button_group(
                 "smoothing", tuple(SETTINGS), visible=False, hint="Takes this setting; Undo reverts it."
             )
-            self._progress = gui.add_progress_bar(0.0, visible=False)
-            self._cancel = gui.add_button("Cancel", visible=False, hint="Stop the search and change nothing.")
+            self._running = SlowJob(gui, "Stop the search and change nothing.")
             self._answer = gui.add_markdown("", visible=False)
         bind(self._goal, session, lambda goal: set_search_method(_method_for(goal), SEARCH_METHODS))
         bind(self._method, session, lambda method: set_search_method(method, SEARCH_METHODS))
         on_user(self._form.on_submit, lambda _client: self._find_and_apply())
         on_user(self._apply.on_click, lambda _client: self._find_and_apply())
         on_user(self._settings.on_click, lambda _client: self._take_setting(self._settings.value))
-        on_user(self._cancel.on_click, lambda _client: self._stop.set())
         for goal in GOALS:  # so that the palette finds them by their words
             command = gui.add_command(f"Goal: {goal}", description=HINT)
             change = set_search_method(goal, SEARCH_METHODS)
@@ -308,23 +305,20 @@ class GoalView:
 
     def search(self, request: Callable[[State], Request | None]) -> None:
         """Run a search on the state with every earlier request applied; its result is one undoable change."""
-        stop = self._stop = threading.Event()
-        self._jobs.run_with_state(
-            self._session, lambda state: self._search(state, request(state), stop), Failed.FIND
-        )
+        self._jobs.run_with_state(self._session, lambda state: self._search(state, request(state)), Failed.FIND)
 
-    def _search(self, state: State, request: Request | None, stop: threading.Event) -> None:
+    def _search(self, state: State, request: Request | None) -> None:
         if request is None:
             return
         z, period = state.recording.channel(state.channel), state.recording.sample_period
-        with SlowJobProgress(self._progress, self._cancel) as shown:
+        with self._running as running:
             found = find_parameters(
                 z,
                 request,
                 dt=state.dt,
                 sample_period=period,
-                progress=shown.report,
-                cancelled=stop.is_set,
+                progress=running.report,
+                cancelled=running.is_cancelled,
             )
         self._session.request(apply_found(state.recording, state.channel, found))
 
@@ -354,6 +348,55 @@ class GoalView:
                     box.value = wanted[i][1]
                 box.label, box.hint = labels[i], hint_of(wanted[i][0])
         self._shown = shown
+
+
+# What each lag costs, as curves: a click on them takes a lag, as the goal does with Apply.
+
+
+COSTS = "**What each lag costs{}.** Click to choose a lag."
+
+
+class CostsView:
+    """Noise left and movement lost over the lag, and the filter on screen."""
+
+    def __init__(self, gui: viser.GuiApi, goal: GoalView) -> None:
+        self._search, self._unit = goal.search, 1.0
+        self._text = gui.add_markdown("", visible=False)
+        self._chart = Chart(gui, 0.0)
+        self._chart.handle.height = COSTS_HEIGHT
+        cursor: Any = {"drag": {"x": False, "y": False}, "chooses": True}  # the last for the page script
+        self._chart.handle.cursor = cursor
+        self._lag = gui.add_number(LAG_NUMBER, 0.0, visible=False, hint="Hidden.")
+        on_user(self._lag.on_update, lambda _client: self._choose(float(self._lag.value) / self._unit))
+
+    def _choose(self, samples: float) -> None:
+        self._search(lambda state: Request(target={"lag_samples": samples}) if costs_of(state) else None)
+
+    def show(self, frame: Frame) -> None:
+        """Draw the curves, where there are any for the filter on screen."""
+        state, costs = frame.state, costs_of(frame.state)
+        is_shown = bool(costs) and state.uses_parameters and state.fusion is None
+        put(self._text, content=COSTS.format(" without momentum" * (state.tuning.momentum > 0.0)), visible=is_shown)
+        if not is_shown:
+            self._chart.hide()
+            return
+        period, palette = state.recording.sample_period, DARK if state.view.dark else LIGHT
+        known, now = np.array([one.lag_samples for one in costs]), float(frame.steady.lag_samples)
+        scale = time_scale_for(math.sqrt(known[0] * known[-1]) * (period or 1.0), period)
+        self._unit = scale.factor * (period or 1.0)
+        lags = np.union1d(known, np.clip(now, known[0], known[-1]))
+        left, lost = (
+            100.0 * np.interp(np.log(lags), np.log(known), [getattr(one, name) for one in costs])
+            for name in ("noise_left", "movement_lost")
+        )
+        mark = np.where(lags == now, 100.0 * 10.0 ** (-0.05 * float(frame.steady.noise_reduction_db)), np.nan)
+        lines = (
+            line(left, "noise left", palette.innovation, 2),
+            line(lost, "movement lost", palette.truth, 2),
+            dots(mark, "this filter", palette.filtered, 10),
+        )
+        x, label, view = lags * self._unit, scale.label("lag"), state.view.resets
+        self._chart.draw(x, lines, label, "%", view=view, y_range=(0.0, 100.0), log="x")
 
 
 def _method_for(goal: str) -> str:

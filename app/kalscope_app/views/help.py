@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import viser
 
 from kalscope_app.engine.jobs import Jobs
-from kalscope_app.views.widgets import on_user
+from kalscope_app.views.widgets import add_button
 from kalscope_app.views.window import STEPS_BUTTON
 
 if TYPE_CHECKING:
@@ -26,28 +26,23 @@ FIRST_STEPS = (
     "3. **Source** opens your file or a live board. **Export** writes the code."
 )
 
-DONE, LATER = "Got it", "Later"
-
 
 class FirstSteps:
     """They stand there until they are put away, and again when asked."""
 
     def __init__(self, gui: viser.GuiApi, settings: UserSettings, jobs: Jobs) -> None:
-        is_new = not settings.tour_seen
-        self._text = gui.add_markdown(FIRST_STEPS, visible=is_new)
-        hint = "Later: until the next start. The Help tab shows them again."
-        self._buttons = gui.add_button_group("", (DONE, LATER), visible=is_new, hint=hint)
+        self._text = gui.add_markdown(FIRST_STEPS)
 
-        def put_away() -> None:
+        def put_away(_client: viser.ClientHandle) -> None:
             self.show(visible=False)
-            if self._buttons.value == DONE:
-                jobs.run(partial(settings.keep, tour_seen=True))
+            jobs.run(partial(settings.keep, tour_seen=True))
 
-        on_user(self._buttons.on_click, lambda _client: put_away())
+        self._done = add_button(gui, "Got it", "The Help tab shows them again.", put_away)
+        self.show(visible=not settings.has("tour_seen"))
 
     def show(self, *, visible: bool = True) -> None:
         """Show or hide them."""
-        self._text.visible = self._buttons.visible = visible
+        self._text.visible = self._done.visible = visible
 
 
 # The Help tab: keys and mouse on one card, and the first steps again.
@@ -68,12 +63,9 @@ KEYS = {
 """Keys and mouse actions, and what they do."""
 
 
-class HelpView:
-    """A card and a button."""
-
-    def __init__(self, gui: viser.GuiApi, steps: FirstSteps) -> None:
-        rows = "\n".join(f"| {what} | {does} |" for what, does in KEYS.items())
-        gui.add_markdown(f"| keys and mouse | what it does |\n|---|---|\n{rows}\n\nOn a Mac: Cmd for Ctrl.")
-        button = gui.add_button(STEPS_BUTTON, hint="In the Tune tab, above the goal.")
-        on_user(button.on_click, lambda _client: steps.show())
-        gui.add_markdown("Point at a control to read what it does.")
+def add_help(gui: viser.GuiApi, steps: FirstSteps) -> None:
+    """The Help tab: a card and a button."""
+    rows = "\n".join(f"| {what} | {does} |" for what, does in KEYS.items())
+    gui.add_markdown(f"| keys and mouse | what it does |\n|---|---|\n{rows}\n\nOn a Mac: Cmd for Ctrl.")
+    add_button(gui, STEPS_BUTTON, "In the Tune tab, above the goal.", lambda _client: steps.show())
+    gui.add_markdown("Point at a control to read what it does.")

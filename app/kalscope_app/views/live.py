@@ -3,23 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import partial
 
 import viser
 
 from kalscope.common.text import count, duration, number
 from kalscope.sources.live.source import LiveStatus
-from kalscope.sources.port.registry import PortSpec, named_transport
+from kalscope.sources.port.registry import PortSpec, port_of
 from kalscope.sources.port.serial_port import list_ports
 from kalscope.sources.recorder import Recorder
 from kalscope_app.engine.frame import Frame
 from kalscope_app.engine.jobs import Jobs
-from kalscope_app.live import BoardConnection, BoardRecording, account, port_named
+from kalscope_app.live import BoardConnection, BoardRecording
 from kalscope_app.session.changes import set_board_channel
 from kalscope_app.session.session import Failed, Session
 from kalscope_app.session.state import ConnectionState
-from kalscope_app.views.widgets import bind, escape_markdown, offer, on_user
-from kalscope_app.views.window import OTHER_RATE, TYPED
+from kalscope_app.views.widgets import add_button, bind, escape_markdown, offer, on_user
+from kalscope_app.views.window import TYPED
 
 # Record what a board sends: the name of the file, the buttons, and the status of the recording.
 
@@ -28,25 +27,22 @@ class RecordingView:
     """The last part of the folder "Live board". Starting and stopping are jobs."""
 
     def __init__(
-        self, gui: viser.GuiApi, jobs: Jobs, recording: BoardRecording, open_spec: Callable[[str, Failed], None]
+        self, gui: viser.GuiApi, jobs: Jobs, recording: BoardRecording, open_spec: Callable[[str], None]
     ) -> None:
         """Args: the usual; the recording; opens the file at a path."""
         self._board_recording = recording
         self._text = gui.add_markdown("")
-        self._name = gui.add_text(
-            "record to", recording.name, hint="A new file in the folder in which Kalscope was started."
-        )
-        self._record = gui.add_button("Record", visible=False, hint="Every line as received, before any filter.")
-        self._stop = gui.add_button("Stop recording", visible=False, hint="Ends and closes the file.")
-        on_user(
-            self._record.on_click,
-            lambda _client: jobs.run(partial(recording.start, self._name.value.strip()), Failed.RECORD),
-        )
-        on_user(self._stop.on_click, lambda _client: jobs.run(recording.stop, Failed.RECORD))
-        self._open = gui.add_button(
-            "Open the recording", visible=False, hint="In place of the board; q, r, p0 and pins stay."
-        )
-        on_user(self._open.on_click, lambda _client: open_spec(str(recording.last), Failed.OPEN))
+        hint = "A new file in the folder in which Kalscope was started."
+        self._name = gui.add_text("record to", recording.name, hint=hint)
+
+        def add(label: str, hint: str, act: Callable[[], None]) -> viser.GuiButtonHandle:
+            return add_button(gui, label, hint, lambda _client: jobs.run(act, Failed.RECORD), visible=False)
+
+        hint = "Every line as received, before any filter."
+        self._record = add("Record", hint, lambda: recording.start(self._name.value.strip()))
+        self._stop = add("Stop recording", "Ends and closes the file.", recording.stop)
+        hint = "In place of the board; q, r, p0 and pins stay."
+        self._open = add("Open the recording", hint, lambda: open_spec(str(recording.last)))
         recording.on_change = self._on_change
 
     def _on_change(self, recorder: Recorder | None) -> None:
@@ -68,7 +64,7 @@ def recording_text(recorder: Recorder | None) -> str:
     """The status of the recording, as markdown; the name of the file is escaped."""
     if recorder is None:
         return ""
-    lines = [f"recording to **{escape_markdown(recorder.paths[-1].name)}**", account(recorder.counts)]
+    lines = [f"recording to **{escape_markdown(recorder.paths[-1].name)}**", str(recorder.counts)]
     if recorder.error:
         lines.append(f"**{escape_markdown(recorder.error, 200)}**")
     return "\n".join(f"- {line}" for line in lines)
@@ -79,7 +75,6 @@ def recording_text(recorder: Recorder | None) -> str:
 
 ADDRESS_HINT = "Such as ssh://host/dev/ttyACM0, tcp://host:port, udp://:47269, mqtt://broker/topic or file:log.csv."
 NO_CURVE = "–"
-BAUD_RATES = (9600, 19200, 38400, 57600, 115200, 230400, 250000, 460800, 500000, 921600, 1000000, 2000000)
 
 PORTS_INTERVAL = 2.0
 """Seconds between two queries of the system's ports."""
@@ -95,80 +90,50 @@ class LiveView:
         jobs: Jobs,
         connection: BoardConnection,
         recording: BoardRecording,
-        open_spec: Callable[[str, Failed], None],
+        open_spec: Callable[[str], None],
     ) -> None:
         """Args: the usual; the connection's own jobs; the connection; its recording; opens the file at a path."""
         self._session, self._jobs, self._connection = session, jobs, connection
         self._devices: dict[str, str] = {}
         self._chosen = ""
         with gui.add_folder("Live board"):
-            self._add_port(gui)
-            self._connect = gui.add_button("Connect", hint="Opens the port and shows what the board sends.")
-            self._disconnect = gui.add_button(
-                "Disconnect", visible=False, hint="Frees the port, for the Arduino IDE or another program."
+            hint = "A board that is plugged in appears here automatically. An address may be typed here, too."
+            self._port = gui.add_dropdown("port", list[str]([TYPED]), hint=hint)
+            self._typed = gui.add_text("address", "", hint=ADDRESS_HINT)
+            hint = "Of a serial port, as in the sketch: Serial.begin()."
+            self._baud = gui.add_text("baud rate", "115200", hint=hint)
+            hint = "Opens the port and shows what the board sends."
+            self._connect = add_button(gui, "Connect", hint, self._on_connect)
+            hint = "Frees the port, for the Arduino IDE or another program."
+            self._disconnect = add_button(
+                gui, "Disconnect", hint, lambda _client: jobs.run(self._on_disconnect), visible=False
             )
             self._status = gui.add_markdown("", visible=False)
             self._recording = RecordingView(gui, jobs, recording, open_spec)
-            self._add_options(gui)
-        on_user(self._connect.on_click, lambda _client: self._on_connect())
-        on_user(self._disconnect.on_click, lambda _client: jobs.run(self._on_disconnect))
+            with gui.add_folder("Advanced", expand_by_default=False):
+                hint = "DTR: most boards restart, and some send only then."
+                self._reset = gui.add_checkbox("reset the board on connecting", True, hint=hint)
+                hint = "The channel in which the board sends its own filtered value."
+                self._board = gui.add_dropdown("board's filtered channel", list[str]([NO_CURVE]), hint=hint)
+        on_user(self._port.on_update, lambda _client: self._choose_port())
         bind(self._board, session, lambda name: set_board_channel(None if name == NO_CURVE else name))
         self._list_ports()
         if connection.source is not None:
             self._name(connection.source.spec)
         jobs.when_idle(self._list_ports, PORTS_INTERVAL)
 
-    def _add_port(self, gui: viser.GuiApi) -> None:
-        self._port = gui.add_dropdown(
-            "port",
-            list[str]([TYPED]),
-            hint="A board that is plugged in appears here automatically. An address may be typed here, too.",
-        )
-        self._typed = gui.add_text("address", "", hint=ADDRESS_HINT)
-        self._baud = gui.add_dropdown(
-            "baud rate",
-            (*map(str, BAUD_RATES), OTHER_RATE),
-            initial_value="115200",
-            hint="As in the sketch: Serial.begin().",
-        )
-        self._rate = gui.add_text("rate", "", hint="Any other baud rate.", visible=False)
-        on_user(self._port.on_update, lambda _client: self._choose_port())
-        on_user(self._baud.on_update, lambda _client: self._show_typed())
-        on_user(self._typed.on_update, lambda _client: self._show_typed())
-
-    def _add_options(self, gui: viser.GuiApi) -> None:
-        with gui.add_folder("Advanced", expand_by_default=False):
-            self._reconnect = gui.add_checkbox(
-                "reconnect automatically", True, hint="After unplugging. Off: the port stays free, for flashing."
-            )
-            self._reset = gui.add_checkbox(
-                "reset the board on connecting", True, hint="DTR: most boards restart, and some send only then."
-            )
-            self._board = gui.add_dropdown(
-                "board's filtered channel",
-                list[str]([NO_CURVE]),
-                hint="The channel in which the board sends its own filtered value.",
-            )
-
     def _choose_port(self) -> None:
         self._chosen = self._port.value
         self._show_typed()
 
     def _show_typed(self) -> None:
-        away = not self._connect.visible  # a port is open
-        typed = self._port.value == TYPED
-        self._port.visible = self._baud.visible = not away
-        self._typed.visible = typed and not away
-        self._rate.visible = self._baud.value == OTHER_RATE and not away
-        # Not hidden: "Connect", whose press sends the address, would move away from under the pointer.
-        self._baud.disabled = self._rate.disabled = typed and not has_baud(self._typed.value)
+        self._port.visible = self._baud.visible = free = self._connect.visible  # else a port is open
+        self._typed.visible = free and self._port.value == TYPED
 
     def _name(self, spec: PortSpec) -> None:
         """Show the port that the command line named."""
-        listed = [label for label, device in self._devices.items() if device == spec.url]
-        self._port.value = listed[0] if listed else TYPED
-        self._typed.value, self._rate.value = spec.url, str(spec.baud)
-        self._baud.value = str(spec.baud) if spec.baud in BAUD_RATES else OTHER_RATE
+        self._port.value = next((label for label, device in self._devices.items() if device == spec.url), TYPED)
+        self._typed.value, self._baud.value = spec.url, str(spec.baud)
         self._show_typed()
 
     def _list_ports(self) -> None:
@@ -183,15 +148,13 @@ class LiveView:
         offer(self._port, (*devices, TYPED), value)
         self._show_typed()  # otherwise a box could stay in which an address has no effect
 
-    def _on_connect(self) -> None:
+    def _on_connect(self, _client: viser.ClientHandle) -> None:
         spec = self._typed.value.strip() if self._port.value == TYPED else self._devices.get(self._port.value, "")
-        rate = self._rate.value if self._baud.value == OTHER_RATE else self._baud.value
-        reconnect, reset = self._reconnect.value, self._reset.value
-
-        def connect() -> None:
-            self._connection.open(self._session, port_named(spec, rate.strip(), reset=reset), reconnect=reconnect)
-
-        self._jobs.run(connect, Failed.CONNECT)
+        rate, reset = self._baud.value.strip(), self._reset.value
+        self._jobs.run(
+            lambda: self._connection.open(self._session, port_of(spec, default_baud=rate, reset=reset)),
+            Failed.CONNECT,
+        )
 
     def _on_disconnect(self) -> None:
         self._connection.close()
@@ -206,12 +169,6 @@ class LiveView:
         text = "" if connection.status is None else status_text(connection.status)
         self._status.content, self._status.visible = text, bool(text)
         offer(self._board, (NO_CURVE, *frame.state.recording.names), frame.state.board or NO_CURVE)
-
-
-def has_baud(address: str) -> bool:
-    """Whether this address uses a baud rate; True for an unfinished one, too."""
-    transport = named_transport(address.strip())
-    return transport is None or transport.has_baud
 
 
 def port_to_show(shown: str, before: tuple[str, ...], now: tuple[str, ...], *, kept: bool) -> str:

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import math
-import threading
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import partial
 from textwrap import fill
 from typing import TYPE_CHECKING, Any
@@ -17,6 +15,7 @@ from PIL import Image, ImageDraw
 
 from kalscope.common.charts import drawing
 from kalscope.common.text import DURATIONS, duration, number, squared, trimmed
+from kalscope_app.engine.filter_runs import Cache
 from kalscope_app.engine.frame import Frame
 from kalscope_app.engine.jobs import Jobs
 from kalscope_app.program.user_settings import UserSettings
@@ -42,7 +41,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.colors import Colormap
     from matplotlib.figure import Figure
-    from matplotlib.lines import Line2D
+    from matplotlib.patheffects import AbstractPathEffect
 
     from kalscope.fleet.results import Fleet
 
@@ -62,53 +61,47 @@ SHARPNESS = 2
 LEVELS = 24
 """Steps of colour: their edges are the contour lines of the map."""
 
+MAX_EDGED = 1000
+"""Devices of a fleet up to which each is drawn large and with an edge."""
+
 FIRST_PAPER = 0.01
 """q/r of the first source document, r/q = 100."""
 
 
-@dataclass(frozen=True)
-class MapPictureInput:
-    """All that a picture of the map is drawn from."""
-
-    map: TuningMap
-    frame: MapFrame
-    unit: str
-    """Unit of the signal."""
-    period: float | None
-    """Sample period, s."""
-    dark: bool
-    pinned: tuple[tuple[str, str, Point], ...] = ()
-    """Name, colour and exponents of each pinned variant."""
-
-    @property
-    def palette(self) -> Palette:
-        """The colours of the theme."""
-        return DARK if self.dark else LIGHT
-
-    @property
-    def lag_unit(self) -> tuple[str, float]:
-        """The unit of lags, and the length of a sample in it: s, for slow recordings min to years."""
-        if self.period is None:
-            return "samples", 1.0
-        name, length = next((u for u in reversed(DURATIONS) if u[1] >= 1.0 and self.period >= u[1]), ("s", 1.0))
-        return name, self.period / length
-
-
-def draw_map_picture(inputs: MapPictureInput) -> NDArray[np.uint8]:
+def draw_map_picture(state: State, shown: TuningMap) -> NDArray[np.uint8]:
     """The whole picture, shape (SHARPNESS · height, SHARPNESS · width, 3)."""
-    frame, palette = inputs.frame, inputs.palette
+    frame, palette = shown.frame, DARK if state.view.dark else LIGHT
     with drawing():
         figure = page_figure(frame.width, frame.height, palette.paper, SHARPNESS)
-        if inputs.map.marks:
-            axes = figure.add_axes(frame.share(frame.top, frame.bottom))
-            _draw_shades(axes, inputs)
-            _draw_lags(axes, inputs)
-            _write_axes(axes, inputs)
-            _draw_bar(figure.add_axes(frame.share(frame.bottom + 72, frame.bottom + 82)), inputs)
-            _write_legend(figure, _draw_marks(axes, inputs), inputs)
-        else:
-            figure.text(0.06, 0.7, fill(inputs.map.note, 44), color=palette.quiet, fontsize=14)
+        if not shown.marks:
+            figure.text(0.06, 0.7, fill(shown.note, 44), color=palette.quiet, fontsize=14)
+            return pixels_of(figure)
+        axes = _axes(figure, frame, (frame.top, frame.bottom), palette)
+        axes.set(xlim=frame.q, ylim=frame.r, autoscale_on=False)
+        image: dict[str, Any] = {"extent": (*frame.q, *frame.r), "origin": "lower", "aspect": "auto"}
+        axes.imshow(shown.shade, shades(palette), vmin=0.0, vmax=1.0, interpolation="bilinear", **image)
+        _write_axes(axes, frame, state, palette)
+        label = "current q and r: drag it, or click"
+        axes.plot([], [], "o", color=palette.filtered, ms=12, mew=3, mfc="none", label=label)
+        _draw_lags(axes, frame, state.recording.sample_period, palette)
+        _draw_marks(axes, shown, palette)
+        for variant in state.variants:
+            at = frame.held(exponents_of(variant.tuning.q, variant.tuning.r))
+            _draw_pin(axes, at, variant.name, variant.css(dark=state.view.dark), palette)
+        _write_legend(figure, axes, shown, state.tuning.unit, palette)
+        _draw_bar(_axes(figure, frame, (frame.bottom + 72, frame.bottom + 82), palette), shown, palette)
         return pixels_of(figure)
+
+
+def _axes(figure: Figure, frame: MapFrame, ends: tuple[float, float], palette: Palette) -> Axes:
+    """A strip as wide as the map, from its top to its bottom, pixels."""
+    left, (top, bottom) = frame.left / frame.width, ends
+    width, height = frame.right / frame.width - left, (bottom - top) / frame.height
+    axes = figure.add_axes((left, 1.0 - bottom / frame.height, width, height))
+    axes.tick_params(length=4, pad=4, color=palette.quiet, labelcolor=palette.ink, labelsize=11)
+    axes.grid(visible=False)
+    axes.spines[:].set(visible=True, color=palette.quiet)
+    return axes
 
 
 def shades(palette: Palette) -> Colormap:
@@ -118,25 +111,18 @@ def shades(palette: Palette) -> Colormap:
     return LinearSegmentedColormap.from_list("map", palette.shades, LEVELS)
 
 
-def _draw_shades(axes: Axes, inputs: MapPictureInput) -> None:
-    """The likelihood, and the density of a large fleet over it."""
-    from matplotlib.colors import ListedColormap
+def _halo(width: float, colour: str, alpha: float = 1.0) -> list[AbstractPathEffect]:
+    """An edge around a line or a letter."""
+    from matplotlib.patheffects import withStroke
 
-    frame, palette, fleet = inputs.frame, inputs.palette, inputs.map.fleet
-    image: dict[str, Any] = {"extent": (*frame.q, *frame.r), "origin": "lower", "aspect": "auto"}
-    axes.imshow(inputs.map.shade, shades(palette), vmin=0.0, vmax=1.0, interpolation="bilinear", **image)
-    if fleet is not None and fleet.density is not None:
-        shares = np.where(fleet.density > 0.0, 0.27 + 0.67 * fleet.density, 0.0)
-        axes.imshow(np.full(shares.shape, 1.0), ListedColormap([palette.density]), alpha=shares, **image)
+    return [withStroke(linewidth=width, foreground=colour, alpha=alpha)]
 
 
-def _draw_lags(axes: Axes, inputs: MapPictureInput) -> None:
+def _draw_lags(axes: Axes, frame: MapFrame, period: float | None, palette: Palette) -> None:
     """Lines of equal lag with the lag where each leaves the map, at the top or the right edge; the first paper."""
-    from matplotlib.patheffects import Normal, Stroke
-
-    frame, palette, free = inputs.frame, inputs.palette, -math.inf
-    for lag, (q, r) in sorted(lag_lines(frame, inputs.lag_unit[1]), key=lambda one: one[1]):
-        text, (x, y) = lag_words(lag, inputs), frame.pixel((q, r))
+    free = -math.inf
+    for lag, (q, r) in sorted(lag_lines(frame, lag_unit(period)[1]), key=lambda one: one[1]):
+        text, (x, y) = lag_words(lag, period), frame.pixel((q, r))
         axes.axline((q, r), slope=1.0, color=palette.ink, linewidth=1, alpha=0.4)
         half = 3.4 * len(text)
         style: dict[str, Any] = {"textcoords": "offset points", "color": palette.ink, "fontsize": 11}
@@ -145,110 +131,74 @@ def _draw_lags(axes: Axes, inputs: MapPictureInput) -> None:
         elif y <= frame.top + 1.0 and x - half > free:
             axes.annotate(text, (q, r), (0, 5), ha="center", **style)
             free = x + half + 6.0
-    halo = [Stroke(linewidth=4, foreground=palette.paper, alpha=0.5), Normal()]
-    axes.axline((0.0, -math.log10(FIRST_PAPER)), slope=1.0, color=palette.ink, linestyle="--", path_effects=halo)
+    style = {"color": palette.ink, "linestyle": "--", "path_effects": _halo(4, palette.paper, 0.5)}
+    axes.axline((0.0, -math.log10(FIRST_PAPER)), slope=1.0, **style, label="r/q = 100 (Ma'arif 2019)")
 
 
-def lag_words(lag: float, inputs: MapPictureInput) -> str:
+def lag_unit(period: float | None) -> tuple[str, float]:
+    """The unit of lags, and the length of a sample in it: s, for slow recordings min to years."""
+    if period is None:
+        return "samples", 1.0
+    name, length = next((u for u in reversed(DURATIONS) if u[1] >= 1.0 and period >= u[1]), ("s", 1.0))
+    return name, period / length
+
+
+def lag_words(lag: float, period: float | None) -> str:
     """A lag, in samples, as a length of time in one unit for the whole map, or in samples without a time."""
-    name, sample = inputs.lag_unit
+    name, sample = lag_unit(period)
     value = lag * sample
     if name == "s" and value < 1.0:
         return duration(value)
     return trimmed(value) if name == "samples" else f"{trimmed(value)} {name}"
 
 
-def _draw_marks(axes: Axes, inputs: MapPictureInput) -> list[Line2D]:
-    """The region, the best pair, devices and pins; returns what the legend shows, from top to bottom."""
-    from matplotlib.lines import Line2D
-    from matplotlib.patheffects import Normal, Stroke
-
-    frame, palette, shown = inputs.frame, inputs.palette, inputs.map
-    halo = [Stroke(linewidth=4.5, foreground=palette.paper), Normal()]
-    ring: dict[str, Any] = {
-        "marker": "o",
-        "linestyle": "",
-        "markerfacecolor": "none",
-        "markersize": 12,
-        "markeredgewidth": 3,
-    }
-    handles: list[Line2D] = [
-        Line2D([], [], color=palette.filtered, **ring, label="current q and r: drag it, or click")
-    ]
+def _draw_marks(axes: Axes, shown: TuningMap, palette: Palette) -> None:
+    """The region, devices, and the best pair."""
+    halo = _halo(4.5, palette.paper)
     if shown.contour is not None:
         label = "95 % region: less than 3.00 below the best"
-        handles += axes.plot(*shown.contour.T, color=palette.best, linewidth=2, path_effects=halo, label=label)
-    handles.append(Line2D([], [], color=palette.ink, linestyle="--", label="r/q = 100 (Ma'arif 2019)"))
+        axes.plot(*shown.contour.T, color=palette.best, linewidth=2, path_effects=halo, label=label)
     if shown.fleet is not None:
-        handles += _draw_devices(axes, shown.fleet, inputs)
+        _draw_devices(axes, shown.fleet, shown.frame, palette)
     if shown.optimum is not None:
         off = " (off the map)" if math.inf in map(abs, shown.optimum) else ""
-        style: dict[str, Any] = {
-            "marker": "+",
-            "linestyle": "",
-            "markersize": 14,
-            "markeredgewidth": 2.5,
-            "path_effects": halo,
-        }
-        label = f"most likely q and r{off}"
-        handles += _plot(axes, frame.held(shown.optimum), color=palette.best, **style, label=label)
-    for name, colour, point in inputs.pinned:
-        badge: dict[str, Any] = {"marker": "o", "linestyle": "", "markersize": 16, "markeredgecolor": palette.paper}
-        handles += _plot(axes, frame.held(point), color=colour, **badge, label=f"pinned setting {name}")
-        middle: dict[str, Any] = {"ha": "center", "va": "center_baseline", "fontsize": 11, "color": "white"}
-        axes.text(
-            *frame.held(point), name, path_effects=[Stroke(linewidth=2, foreground="black"), Normal()], **middle
-        )
-    return handles
+        at, label = shown.frame.held(shown.optimum), f"most likely q and r{off}"
+        axes.plot(*at, "+", color=palette.best, ms=14, mew=2.5, path_effects=halo, label=label)
 
 
-def _plot(axes: Axes, at: Point, **style: Any) -> list[Line2D]:
-    """A mark."""
-    return axes.plot([at[0]], [at[1]], **style)
+def _draw_pin(axes: Axes, at: Point, name: str, colour: str, palette: Palette) -> None:
+    """A pinned setting with its name."""
+    axes.plot(*at, "o", color=colour, ms=16, mec=palette.paper, label=f"pinned setting {name}")
+    middle: dict[str, Any] = {"ha": "center", "va": "center_baseline", "fontsize": 11, "color": "white"}
+    axes.text(*at, name, path_effects=_halo(2, "black"), **middle)
 
 
-def _draw_devices(axes: Axes, layer: FleetLayer, inputs: MapPictureInput) -> list[Line2D]:
+def _draw_devices(axes: Axes, layer: FleetLayer, frame: MapFrame, palette: Palette) -> None:
     """The devices by class, the filter for all, and the q/r that the fleet allows."""
-    palette = inputs.palette
-    handles: list[Line2D] = []
     for ratio in layer.ratio_ends or ():
         axes.axline((0.0, -ratio), slope=1.0, color=palette.devices[2], linewidth=1.5)
+    few = len(layer.devices) <= MAX_EDGED
+    style: dict[str, Any] = {"markersize": 6 if few else 3, "markeredgecolor": palette.ink if few else "none"}
     for kind, words in enumerate(layer.words):
-        points = layer.points[layer.classes == kind]
-        style: dict[str, Any] = {"markersize": 6, "markeredgecolor": palette.ink}
+        points, colour = layer.points[layer.classes == kind], palette.devices[kind]
+        style["alpha"], style["color"] = (1.0, colour) if few or kind else (0.3, palette.ink)
         if words:
-            handles += axes.plot(*points.T, "o", color=palette.devices[kind], **style, label=f"device, {words}")
+            axes.plot(*points.T, "o", **style, label=f"device, {words}")
     if layer.shared is not None:
-        diamond: dict[str, Any] = {
-            "marker": "D",
-            "markersize": 11,
-            "markerfacecolor": "none",
-            "markeredgewidth": 2,
-            "linestyle": "",
-        }
-        label = "one filter for all; lines: best q/r, 95 %"
-        handles += _plot(axes, inputs.frame.held(layer.shared), color=palette.devices[2], **diamond, label=label)
-    return handles
+        at, label = frame.held(layer.shared), "one filter for all; lines: best q/r, 95 %"
+        axes.plot(*at, "D", color=palette.devices[2], ms=11, mew=2, mfc="none", label=label)
 
 
-def title_of(inputs: MapPictureInput) -> str:
-    """The heading above the lags: the momentum, where the filters on the map have any."""
-    momentum = inputs.frame.momentum
-    return f"at momentum {momentum_words(momentum, inputs.period)}: lag" if momentum > 0.0 else "lag"
-
-
-def _write_axes(axes: Axes, inputs: MapPictureInput) -> None:
-    """The decades of q and r, their names, and the frame around the map."""
-    frame, palette, unit = inputs.frame, inputs.palette, squared(inputs.unit)
-    axes.set(xlim=frame.q, ylim=frame.r)
+def _write_axes(axes: Axes, frame: MapFrame, state: State, palette: Palette) -> None:
+    """The decades of q and r, their names, and above the lags for which momentum the map holds."""
+    unit = squared(state.tuning.unit)
     for axis, ends, name in (axes.xaxis, frame.q, "process noise q"), (axes.yaxis, frame.r, "measurement noise r"):
         ticks = decades(*ends)
         axis.set_ticks(ticks, [tick(e) for e in ticks])
         axis.set_label_text(f"{name}, {unit}", color=palette.ink, fontsize=13)
-    axes.set_title(title_of(inputs), loc="center", color=palette.quiet, fontsize=12, fontweight="normal", pad=24)
-    axes.tick_params(length=4, pad=4, color=palette.quiet, labelcolor=palette.ink, labelsize=11)
-    axes.grid(visible=False)
-    axes.spines[:].set(visible=True, color=palette.quiet)
+    momentum = momentum_words(frame.momentum, state.recording.sample_period)
+    title = f"at momentum {momentum}: lag" if frame.momentum > 0.0 else "lag"
+    axes.set_title(title, loc="center", color=palette.quiet, fontsize=12, fontweight="normal", pad=24)
 
 
 def tick(exponent: int) -> str:
@@ -256,45 +206,28 @@ def tick(exponent: int) -> str:
     return number(10.0**exponent, 1) if -3 <= exponent <= 3 else f"1e{exponent}"
 
 
-def _draw_bar(axes: Axes, inputs: MapPictureInput) -> None:
+def _draw_bar(axes: Axes, shown: TuningMap, palette: Palette) -> None:
     """The colour bar with its numbers."""
-    palette = inputs.palette
     axes.imshow(np.linspace(1.0, 0.0, 256)[None], shades(palette), aspect="auto", extent=(0.0, 1.0, 0.0, 1.0))
     axes.set_title("log-likelihood below the best", color=palette.ink, fontsize=12, fontweight="normal")
-    words = {
-        value: f"{value:.0e}".replace("e+0", "e") if value >= 1e4 else trimmed(value)
-        for _, value in inputs.map.marks
-    }
-    ticks = {1.0 - shade: words[value] for shade, value in inputs.map.marks}
-    step = math.ceil(len(ticks) / 9)
-    axes.set_xticks(list(ticks)[::step], list(ticks.values())[::step])
+    marks = shown.marks[:: math.ceil(len(shown.marks) / 9)]
+    words = [f"{drop:.0e}".replace("e+0", "e") if drop >= 1e4 else trimmed(drop) for _, drop in marks]
+    axes.set_xticks([1.0 - shade for shade, _ in marks], words)
     axes.set_yticks([])
-    axes.tick_params(length=4, pad=3, color=palette.quiet, labelcolor=palette.ink, labelsize=11)
-    axes.grid(visible=False)
-    axes.spines[:].set(visible=True, color=palette.quiet)
 
 
-def _write_legend(figure: Figure, handles: list[Line2D], inputs: MapPictureInput) -> None:
+def _write_legend(figure: Figure, axes: Axes, shown: TuningMap, unit: str, palette: Palette) -> None:
     """What the marks are, and below it what the map does not take into account."""
-    from matplotlib.lines import Line2D
-
-    frame, palette = inputs.frame, inputs.palette
-    if inputs.map.fleet is not None and inputs.map.fleet.unit != inputs.unit:
-        text = f"devices: q and r in {squared(inputs.map.fleet.unit)[:24]}"
-        handles.append(Line2D([], [], linestyle="", label=text))
-    if inputs.map.note:
-        handles.append(Line2D([], [], linestyle="", label=fill(inputs.map.note, 50)))
-    x, top, _, _ = frame.share(frame.bottom + 106, frame.bottom + 106)
-    place: dict[str, Any] = {
-        "loc": "upper left",
-        "bbox_to_anchor": (x, top),
-        "borderpad": 0.0,
-        "borderaxespad": 0.0,
-    }
-    size = 12 if len(handles) < 9 else 10
-    figure.legend(
-        handles=handles, **place, fontsize=size, labelcolor=palette.ink, handlelength=1.6, labelspacing=0.5
-    )
+    frame, fleet = shown.frame, shown.fleet
+    if fleet is not None and fleet.fleet.devices.unit != unit:
+        axes.plot([], [], " ", label=f"devices: q and r in {squared(fleet.fleet.devices.unit)[:24]}")
+    if shown.note:
+        axes.plot([], [], " ", label=fill(shown.note, 50))
+    handles, labels = axes.get_legend_handles_labels()
+    place = frame.left / frame.width, 1.0 - (frame.bottom + 106) / frame.height
+    style: dict[str, Any] = {"bbox_to_anchor": place, "borderpad": 0.0, "borderaxespad": 0.0, "handlelength": 1.6}
+    style |= {"fontsize": 12 if len(handles) < 9 else 10, "labelcolor": palette.ink, "labelspacing": 0.5}
+    figure.legend(handles, labels, loc="upper left", **style)
 
 
 def draw_ring(*, dark: bool) -> NDArray[np.uint8]:
@@ -327,11 +260,10 @@ class TuningMapView:
         self._session = session
         self.on_device: Callable[[Fleet, int], None] = lambda _fleet, _device: None
         """Called when a device of an open fleet is clicked."""
-        self._lock = threading.Lock()
-        self._map: TuningMap = nothing("")
+        self._map = nothing("")
         self._state: State | None = None
-        self._drawn: MapPictureInput | None = None
-        self._frame = MapFrame(self._map.q, self._map.r)
+        self._pictures = Cache[NDArray[np.uint8]]()
+        self._drawn: NDArray[np.uint8] | None = None
 
     def build_button(self, gui: viser.GuiApi, settings: UserSettings, jobs: Jobs) -> None:
         """The button of the header; what it does is remembered for the next start."""
@@ -347,7 +279,7 @@ class TuningMapView:
     def build_controls(self, gui: viser.GuiApi) -> None:
         """The widgets that the page shows as the map."""
         dot = np.zeros((2, 2, 3), dtype=np.uint8)
-        self._picture = gui.add_image(dot, label=MAP_PICTURE, format="png", visible=False)
+        self._picture = gui.add_image(dot, label=MAP_PICTURE, format="jpeg", jpeg_quality=90, visible=False)
         self._mark = gui.add_image(draw_ring(dark=False), label=MAP_MARK, format="png", visible=False)
         self._present = gui.add_vector2(MAP_PRESENT, NOWHERE, visible=False, hint="Hidden.")
         self._pointed = gui.add_vector3(MAP_POINTED, (0.0, 0.0, 0.0), visible=False, hint="Hidden.")
@@ -358,7 +290,7 @@ class TuningMapView:
     def _on_pointed(self) -> None:
         """File the pair under a drag or a click."""
         across, down, gesture = self._pointed.value
-        frame, state = self._frame, self._state
+        frame, state = self._map.frame, self._state
         if state is None or not self._map.marks:
             return
         x, y = across * frame.width, down * frame.height
@@ -371,7 +303,7 @@ class TuningMapView:
     def _on_fleet(self, at: Point) -> bool:
         """Open the device under a click, if there is one."""
         fleet = self._map.fleet
-        device = None if fleet is None else fleet.nearest(self._frame, at)
+        device = None if fleet is None else fleet.nearest(self._map.frame, at)
         if fleet is not None and device is not None:
             self.on_device(fleet.fleet, device)
         return device is not None
@@ -392,7 +324,7 @@ class TuningMapView:
 
     def _share(self, point: Point) -> Point:
         """The position of a pair of exponents, in shares of the picture; on the edge of the map if outside."""
-        frame = self._frame
+        frame = self._map.frame
         x, y = frame.pixel(frame.held(point))
         return x / frame.width, y / frame.height
 
@@ -405,24 +337,11 @@ class TuningMapView:
         """Draw the map of a state whose values have stopped changing; None: it is closed."""
         if answer is None:
             return
-        with self._lock:
-            self._state, self._map = answer
-            self._draw(answer[0])
-
-    def _draw(self, state: State) -> None:
-        self._frame = MapFrame(self._map.q, self._map.r, self._map.momentum)
-        inputs = picture_input(state, self._map, self._frame)
+        state, shown = self._state, self._map = answer
         self._place(state)
-        if inputs == self._drawn:
-            return
-        self._mark.image, self._picture.image = draw_ring(dark=inputs.dark), draw_map_picture(inputs)
-        self._drawn = inputs
-
-
-def picture_input(state: State, shown: TuningMap, frame: MapFrame) -> MapPictureInput:
-    """What the picture is drawn from."""
-    pinned = tuple(
-        (v.name, v.css(dark=state.view.dark), exponents_of(v.tuning.q, v.tuning.r)) for v in state.variants
-    )
-    period, dark = state.recording.sample_period, state.view.dark
-    return MapPictureInput(shown, frame, state.tuning.unit, period, dark, pinned)
+        period, dark = state.recording.sample_period, state.view.dark
+        what = shown, state.tuning.unit, period, dark, state.variants
+        picture = self._pictures.once(lambda: draw_map_picture(state, shown), *what)
+        if picture is not self._drawn:
+            self._mark.image, self._picture.image = draw_ring(dark=dark), picture
+            self._drawn = picture

@@ -15,13 +15,9 @@ from kalscope_app.engine.frame import Frame
 from kalscope_app.views.charts import (
     DARK,
     LIGHT,
-    SENSORS,
-    follows,
     scale_for,
     short,
     time_axis,
-    time_label,
-    time_points,
 )
 from kalscope_app.views.window import PHONE_CHECKBOX, shape_of
 
@@ -66,60 +62,46 @@ LEFT = 0.13
 class PhonePictures:
     """Draws every frame into the canvas of each phone. A hidden checkbox reports which browsers are on phones."""
 
-    def __init__(self, server: viser.ViserServer) -> None:
-        self._server = server
-        self._lock = threading.RLock()  # reports, cameras and disconnects arrive in several threads, in any order
-        self._shapes: dict[viser.ClientHandle, float | None] = {}
+    def __init__(self) -> None:
+        self._lock = threading.Lock()  # reports and cameras arrive in several threads
+        self._boxes: dict[viser.ClientHandle, viser.GuiCheckboxHandle] = {}
+        self._shapes: dict[viser.ClientHandle, float] = {}
         self._frame: Frame | None = None
 
     def attach(self, client: viser.ClientHandle) -> None:
         """Ask a new browser whether it is on a phone."""
-        is_phone = client.gui.add_checkbox(PHONE_CHECKBOX, False, visible=False)
-        is_phone.on_update(lambda _event: self._on_report(client, is_phone))
-        self._on_report(client, is_phone)  # a quick page may have answered before the callback was there
-        client.camera.on_update(lambda _camera: self._follow_shape(client))
+        box = self._boxes[client] = client.gui.add_checkbox(PHONE_CHECKBOX, False, visible=False)
+        box.on_update(lambda _event: self._draw(client))
+        client.camera.on_update(lambda _camera: self._draw(client, turned=True))
+        self._draw(client)  # a quick page may have answered before the callback was there
 
     def detach(self, client: viser.ClientHandle) -> None:
         """Forget a browser that has disconnected."""
-        with self._lock:
-            self._shapes.pop(client, None)
+        self._boxes.pop(client, None)
+        self._shapes.pop(client, None)
 
     def show(self, frame: Frame) -> None:
         """Draw the frame."""
         self._frame = frame
-        with self._lock:
-            for client, shape in self._shapes.items():
-                self._draw(client, shape)
+        for client in [*self._boxes]:
+            self._draw(client)
 
     def on_emptied(self) -> None:
         """Take the pictures away."""
         self._frame = None
-        with self._lock:
-            for client in self._shapes:
-                client.scene.set_background_image(None)
+        for client in [*self._boxes]:
+            client.scene.set_background_image(None)
 
-    def _on_report(self, client: viser.ClientHandle, checkbox: viser.GuiCheckboxHandle) -> None:
+    def _draw(self, client: viser.ClientHandle, *, turned: bool = False) -> None:
+        """Draw the newest frame for a phone; `turned`: only if its canvas has another shape than last time."""
         with self._lock:
-            if client.client_id not in self._server.get_clients():
+            box, frame, shape = self._boxes.get(client), self._frame, shape_of(client)
+            if box is None or not box.value or frame is None or shape is None:
                 return
-            is_phone = checkbox.value  # read here: the last thread to enter must act on the last report
-            if is_phone:
-                self._shapes[client] = None
-                self._follow_shape(client)
-            elif client in self._shapes:
-                self.detach(client)
-
-    def _follow_shape(self, client: viser.ClientHandle) -> None:
-        """Draw again once the canvas has another shape, as when the phone is turned."""
-        with self._lock:
-            shape, known = shape_of(client), self._shapes.get(client, 0.0)  # 0: not on a phone
-            if shape is not None and (known is None or abs(shape - known) > 0.01 * known > 0.0):
-                self._shapes[client] = shape
-                self._draw(client, shape)
-
-    def _draw(self, client: viser.ClientHandle, shape: float | None) -> None:
-        if self._frame is not None and shape is not None:
-            client.scene.set_background_image(draw_picture(self._frame, shape), format="jpeg", jpeg_quality=90)
+            if turned and abs(shape - self._shapes.get(client, 0.0)) < 0.01 * shape:
+                return
+            self._shapes[client] = shape
+            client.scene.set_background_image(draw_picture(frame, shape), format="jpeg", jpeg_quality=90)
 
 
 def draw_picture(frame: Frame, shape: float) -> NDArray[np.uint8]:
@@ -132,7 +114,7 @@ def draw_picture(frame: Frame, shape: float) -> NDArray[np.uint8]:
         _draw_curves(axes, frame, scale.factor)
         style: dict[str, Any] = {"color": palette.ink, "fontsize": 24}
         axes.set_title(scale.label(short(frame.state.tuning.name, 24)), fontweight="normal", **style)
-        axes.set_xlabel(time_label(time_axis(frame), before_now=follows(frame)), **style)
+        axes.set_xlabel(time_axis(frame).label, **style)
         axes.tick_params(labelsize=20, labelcolor=palette.ink)
         axes.locator_params(nbins=4)
         axes.grid(color=palette.quiet, alpha=0.3)
@@ -159,7 +141,7 @@ def _numbers(frame: Frame) -> list[tuple[str, str]]:
 def _draw_curves(axes: Axes, frame: Frame, factor: float) -> None:
     """Points where the readings have gaps, else lines; the range of y follows the signal, as in the chart."""
     shown, palette = frame.drawn, DARK if frame.state.view.dark else LIGHT
-    x, colours = time_points(frame)[0] * time_axis(frame).factor, SENSORS[frame.state.view.dark]
+    x, colours = time_axis(frame).x, palette.sensors
     raws = [(one.name, one.raw, colours[one.colour % len(colours)]) for one in frame.sensors]
     raws = raws or [("raw", shown.raw, palette.raw)]
     for name, raw, colour in raws:

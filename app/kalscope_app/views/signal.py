@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 import viser
@@ -13,34 +14,38 @@ from numpy.typing import NDArray
 from kalscope.common.numbers import Array
 from kalscope.common.text import count, number
 from kalscope.sources.reading.account import warnings
-from kalscope_app.engine.frame import Frame, SensorCurve
-from kalscope_app.session.changes import reset_view, set_window
-from kalscope_app.session.live_changes import SPANS, WAITING, follow, live_window, set_paused, set_span
+from kalscope_app.engine.filter_runs import Cache
+from kalscope_app.engine.frame import Frame
+from kalscope_app.session.changes import (
+    SPANS,
+    WAITING,
+    follow,
+    live_window,
+    reset_view,
+    set_paused,
+    set_span,
+    set_window,
+)
 from kalscope_app.session.session import Session
 from kalscope_app.session.state import Live
 from kalscope_app.views.charts import (
     DARK,
     LIGHT,
-    SENSORS,
     Chart,
-    ChartLayout,
     ChartLine,
-    Palette,
     Scale,
-    Thinning,
-    axes,
-    follows,
+    band,
     gappy,
     lag_line,
     line,
+    places_to_keep,
     range_text,
     raw_lines,
     rings,
     scale_for,
+    sensor_lines,
     short,
     time_axis,
-    time_label,
-    time_points,
     time_scale_for,
 )
 from kalscope_app.views.widgets import bind, escape_markdown, on_user, put
@@ -58,15 +63,9 @@ class WindowView:
 
     def __init__(self, gui: viser.GuiApi, session: Session) -> None:
         self._session = session
+        hint = "The part of the recording that is plotted. Drag in a chart to zoom in; double-click to zoom out."
         self._range = gui.add_multi_slider(
-            "view",
-            min=0.0,
-            max=1.0,
-            step=0.001,
-            initial_value=(0.0, 1.0),
-            marks=(),
-            visible=False,
-            hint="The part of the recording that is plotted. Drag in a chart to zoom in; double-click to zoom out.",
+            "view", min=0.0, max=1.0, step=0.001, initial_value=(0.0, 1.0), marks=(), visible=False, hint=hint
         )
         # Only the page script changes it: shares of the window that a drag over a chart begins and ends at.
         self._zoom = gui.add_multi_slider(
@@ -75,12 +74,8 @@ class WindowView:
         self._drawn = (0.0, 1.0)
         gui.add_html(ONE_BUTTON)
         self._buttons = gui.add_button_group("", ("Reset view",), visible=False, hint="Show all of the recording.")
-        self._live = gui.add_button_group(
-            "live",
-            ("Live", "Pause"),
-            hint="Follow the newest sample, or freeze the charts.",
-            visible=False,
-        )
+        hint = "Follow the newest sample, or freeze the charts."
+        self._live = gui.add_button_group("live", ("Live", "Pause"), hint=hint, visible=False)
         self._span = gui.add_dropdown(
             "shows the last", tuple(SPANS), initial_value="10 s", hint="Length of the live window.", visible=False
         )
@@ -115,14 +110,14 @@ class WindowView:
 
     def show(self, frame: Frame) -> None:
         """Follow the frame unless the range has moved since."""
-        self._show_live(frame.state.live, zoomed=frame.state.view.window is not None)
-        self._drawn = drawn_window(frame)
-        recording = frame.state.recording
-        if moves_too_often(frame, time.monotonic() - self._moved_at):
-            return
+        live, axis = frame.state.live, time_axis(frame)
+        self._show_live(live, zoomed=frame.state.view.window is not None)
+        self._drawn = axis.origin + axis.first, axis.origin + axis.last
+        if live is not None and live.following and time.monotonic() - self._moved_at < 1.0:
+            return  # a slider that moves is hard to grab
         self._moved_at = time.monotonic()
         begin, end = frame.drawn.time_range
-        self._scale = time_scale_for(end - begin, recording.sample_period)
+        self._scale = time_scale_for(end - begin, frame.state.recording.sample_period)
         low, high = begin * self._scale.factor, end * self._scale.factor
         high = high if high > low else low + 1.0
         if frame.serial < self._serial:
@@ -131,20 +126,6 @@ class WindowView:
         value = tuple(min(max(end * self._scale.factor, low), high) for end in window)
         self._range.min, self._range.max, self._range.step = low, high, (high - low) / 1000.0
         self._range.value = value
-
-
-def drawn_window(frame: Frame) -> tuple[float, float]:
-    """First and last time of the time axis, s, on the clock of the recording."""
-    time, reach = time_points(frame)
-    if reach is None:
-        return (float(time[0]), float(time[-1])) if len(time) else (0.0, 1.0)
-    newest = float(frame.state.recording.time[-1])
-    return newest + reach[0], newest + reach[1]
-
-
-def moves_too_often(frame: Frame, seconds: float) -> bool:
-    """Whether the range of a live record moved less than a second ago: a slider that moves is hard to grab."""
-    return frame.state.live is not None and frame.state.live.following and seconds < 1.0
 
 
 # The charts: raw and filtered signal with its band, innovation with its band, and the gain or the velocity.
@@ -173,28 +154,43 @@ class SignalView:
         self.velocity = Chart(gui, SHARES[3][2], sync="kalscope-time", window=True)
         self.gain.hide()
         self.velocity.hide()
-        self._thinning = Thinning()
+        self._kept = Cache[NDArray[np.intp]]()
 
     def show(self, frame: Frame, *, thinned: bool = False) -> None:
         """Draw the signal; `thinned`: with fewer points, while a control moves."""
-        with_gain = frame.state.view.gain_shown and frame.state.has_gain
-        self._share_height(3 if frame.velocity is not None or with_gain else 2, self._height_above(frame))
-        palette = DARK if frame.state.view.dark else LIGHT
-        self._show_signal(frame, palette, time_axis(frame), self._thinning.of(frame) if thinned else None)
+        state = frame.state
+        third = frame.velocity is not None or (state.view.gain_shown and state.has_gain)
+        self._share_height(3 if third else 2, self._height_above(frame))
+        scale = scale_for(frame.drawn.raw, state.tuning.unit)
+        places = places_to_keep(frame, self._kept) if thinned else None
+        label = scale.label(short(state.tuning.name, 30))
+        self._draw(self.signal, frame, signal_lines(frame), label, scale, places)
 
     def show_below(self, frame: Frame) -> None:
         """Draw the charts below the signal, and write the line above it."""
-        palette, clock = DARK if frame.state.view.dark else LIGHT, time_axis(frame)
-        put(self._heading, content=(HEADING if frame.state.live is not None else "") + heading_of(frame))
-        self._show_innovation(frame, palette, clock)
+        state, palette = frame.state, DARK if frame.state.view.dark else LIGHT
+        put(self._heading, content=(HEADING if state.live is not None else "") + heading_of(frame))
+        name, lines = innovation_lines(frame)
+        scale = scale_for(np.concatenate([one.y for one in lines]), state.tuning.unit)
+        label = scale.label(name)  # with the unit where there is room
+        self._draw(self.innovation, frame, lines, label if len(label) <= MAX_LABEL_LETTERS else name, scale)
         if frame.velocity is not None and frame.velocity_spread is not None:
-            self._show_velocity(frame, palette, clock, frame.velocity, frame.velocity_spread)
-        else:
-            self.velocity.hide()
-        if frame.state.view.gain_shown and frame.velocity is None and frame.state.has_gain:
-            self._show_gain(frame, palette)
-        else:
             self.gain.hide()
+            per = " per sample" if state.recording.sample_period is None else "/s"
+            unit = f"{state.tuning.unit or 'unit'}{per}"
+            scale = scale_for(frame.velocity, unit)
+            edges = band(frame.velocity, frame.velocity_spread, "2σ", palette.gain + palette.band)
+            middle = line(frame.velocity, scale.label("velocity"), palette.gain, 2)  # the unit is in the legend
+            self._draw(self.velocity, frame, [*edges, middle], "velocity", scale)
+            return
+        self.velocity.hide()
+        if not (state.view.gain_shown and state.has_gain):
+            self.gain.hide()
+            return
+        top = float(frame.gain.max(initial=0.0))
+        ends = 0.0, next((level for level in GAIN_LEVELS if top <= level), 1.0)
+        lines = [line(frame.gain, "gain K", palette.gain, 2)]
+        self.gain.draw(frame.gain_samples, lines, "samples since start", "gain K", y_range=ends)
 
     def _height_above(self, frame: Frame) -> int:
         if frame.state.live is not None:
@@ -208,134 +204,77 @@ class SignalView:
         for chart, share in zip((self.signal, self.innovation), SHARES[charts], strict=False):
             chart.set_height(share, height_of(share, charts) - (above if chart is self.signal else 0))
 
-    def _show_signal(self, frame: Frame, palette: Palette, clock: Scale, places: NDArray[np.intp] | None) -> None:
-        shown, state = frame.drawn, frame.state
-        scale = scale_for(shown.raw, state.tuning.unit)
-        raw = self._sensor_lines(frame, lambda one: one.raw) if frame.sensors else raw_lines(shown, palette)
-        # Only the measurements and the truth set the y range: a large start-up transient may leave the chart.
-        lines: list[ChartLine] = [
-            *raw,
-            ChartLine(frame.filtered - frame.spread, line("−2√p", scaled=False)),
-            ChartLine(frame.filtered + frame.spread, line("+2√p", scaled=False)),
-        ]
-        bands = ({"series": (2, 1), "fill": palette.raw_band},) if shown.band is not None else ()
-        bands = (*bands, {"series": (len(raw) + 2, len(raw) + 1), "fill": palette.band})
-        if state.tuning.chain is not None:  # its error is not known
-            lines, bands = [*raw], bands[:-1]
-        for variant, curve in zip(state.variants, frame.variants, strict=False):
-            colour = variant.css(dark=state.view.dark)
-            lines.append(ChartLine(curve, line(variant.name, colour, 1.5, scaled=False)))
-        filtered = "fused" if frame.sensors else "filtered"
-        lines.append(ChartLine(frame.filtered, line(filtered, palette.filtered, 2.5, scaled=False)))
-        if shown.truth is not None:
-            lines.append(ChartLine(shown.truth, {**line("truth", palette.truth, 1.5), "dash": (6, 4)}))
-        if frame.smoothed is not None:
-            lines.append(ChartLine(frame.smoothed, line("smoother", palette.smoothed, 1.5)))
-        if frame.board is not None:
-            lines.append(ChartLine(frame.board, {**line("board's filter", palette.board, 1.5), "dash": (3, 3)}))
-        if frame.set_aside is not None and state.set_aside is not None:
-            name = f"set aside ({count(int(state.set_aside.sum()))})"
-            lines.append(ChartLine(frame.set_aside, rings(name, palette.innovation, 9), gaps=True))
-        if frame.refused is not None:
-            ring = rings("rejected by the gate", palette.filtered, 13)  # a count here would rebuild the chart
-            lines.append(ChartLine(frame.refused, ring, gaps=True))
-        lines.append(lag_line(frame, palette))
-        label = scale.label(short(state.tuning.name, 30))
-        self._draw(self.signal, frame, clock, scale, lines, label, *bands, places=places)
-
-    def _sensor_lines(self, frame: Frame, of: Callable[[SensorCurve], Array]) -> tuple[ChartLine, ...]:
-        """A line for each of the sensors that are fused, in its colour."""
-        colours = SENSORS[frame.state.view.dark]
-        drawn = (gappy(short(one.name, 20), of(one), colours[one.colour % len(colours)]) for one in frame.sensors)
-        return tuple(line for lines in drawn for line in lines)
-
-    def _show_differences(self, frame: Frame, palette: Palette, clock: Scale) -> None:
-        """How far the sensors are from the fused value, or raw from filtered behind a chain: no innovation."""
-        name = "sensor − fused" if frame.sensors else "raw − filtered"
-        lines = self._sensor_lines(frame, lambda one: one.difference)
-        lines = lines or gappy(name, frame.drawn.raw - frame.filtered, palette.innovation)
-        scale = scale_for(np.concatenate([one.y for one in lines]), frame.state.tuning.unit)
-        label = label_beside(scale, name)
-        self._draw(self.innovation, frame, clock, scale, [*lines], label)
-
-    def _show_innovation(self, frame: Frame, palette: Palette, clock: Scale) -> None:
-        if frame.sensors or frame.state.tuning.chain is not None:
-            self._show_differences(frame, palette, clock)
-            return
-        v, spread = without_start(frame)
-        scale = scale_for(v, frame.state.tuning.unit)
-        lines = [
-            ChartLine(-spread, line("−2√s")),
-            ChartLine(spread, line("+2√s")),
-            *gappy("innovation", v, palette.innovation, quiet=1),
-        ]
-        band = {"series": (2, 1), "fill": palette.innovation_band}
-        label = label_beside(scale, "innovation")
-        self._draw(self.innovation, frame, clock, scale, lines, label, band)
-
-    def _show_velocity(self, frame: Frame, palette: Palette, clock: Scale, velocity: Array, spread: Array) -> None:
-        scale = scale_for(velocity, velocity_unit(frame))
-        lines = [
-            ChartLine(velocity - spread, line("−2σ", scaled=False)),
-            ChartLine(velocity + spread, line("+2σ", scaled=False)),
-            ChartLine(velocity, line(scale.label("velocity"), palette.gain, 2)),
-        ]
-        band = {"series": (2, 1), "fill": palette.velocity_band}
-        self._draw(self.velocity, frame, clock, scale, lines, "velocity", band)  # its unit is in the legend
-
     def _draw(
         self,
         chart: Chart,
         frame: Frame,
-        clock: Scale,
-        scale: Scale,
-        lines: list[ChartLine],
+        lines: Sequence[ChartLine],
         label: str,
-        *bands: object,
+        scale: Scale,
         places: NDArray[np.intp] | None = None,
     ) -> None:
-        series = ({"label": time_label(clock, before_now=follows(frame))}, *(one.style for one in lines))
-        gaps = frozenset(i for i, one in enumerate(lines) if one.gaps)
+        """Draw over time; `places`: the only points to draw."""
+        axis, x = time_axis(frame), time_axis(frame).x
+        if places is not None:
+            x, lines = x[places], [replace(one, y=one.y[places]) for one in lines]
         space = 30 if chart is self.signal else 15  # with fewer ticks a low chart has a 0 and no other number
-        layout = ChartLayout(series, axes(label, space), bands, gaps)
-        x, reach = time_points(frame)
-        kept = slice(None) if places is None else places
-        ys = [one.y[kept] * scale.factor for one in lines]
-        ends = None if reach is None else (reach[0] * clock.factor, reach[1] * clock.factor)
-        chart.show(x[kept] * clock.factor, ys, layout, frame.state.view.resets, ends)
+        view, reach = frame.state.view.resets, axis.reach
+        chart.draw(x, lines, axis.label, label, factor=scale.factor, view=view, reach=reach, space=space)
 
-    def _show_gain(self, frame: Frame, palette: Palette) -> None:
-        top = float(frame.gain.max(initial=0.0))
-        ceiling = next((level for level in GAIN_LEVELS if top <= level), 1.0)
-        layout = ChartLayout(
-            ({"label": "samples since start"}, line("gain K", palette.gain, 2)),
-            axes("gain K"),
-            y_range=(0.0, ceiling),
-        )
-        self.gain.show(frame.gain_samples, [frame.gain], layout)
+
+def signal_lines(frame: Frame) -> list[ChartLine]:
+    """All that is drawn over the measurements, these first.
+
+    Only the measurements and the truth set the y range: a large start-up transient may leave the chart.
+    """
+    shown, state, palette = frame.drawn, frame.state, DARK if frame.state.view.dark else LIGHT
+    lines = [*(sensor_lines(frame, palette, raw=True) or raw_lines(shown, palette))]
+    if state.tuning.chain is None:  # the error of a chain is not known
+        lines += band(frame.filtered, frame.spread, "2√p", palette.filtered + palette.band)
+    for variant, curve in zip(state.variants, frame.variants, strict=False):
+        lines.append(line(curve, variant.name, variant.css(dark=state.view.dark), 1.5, scaled=False))
+    name = "fused" if frame.sensors else "filtered"
+    lines.append(line(frame.filtered, name, palette.filtered, 2.5, scaled=False))
+    if shown.truth is not None:
+        lines.append(line(shown.truth, "truth", palette.truth, 1.5, dash=(6, 4)))
+    if frame.smoothed is not None:
+        lines.append(line(frame.smoothed, "smoother", palette.smoothed, 1.5))
+    if frame.board is not None:
+        lines.append(line(frame.board, "board's filter", palette.board, 1.5, dash=(3, 3)))
+    if frame.set_aside is not None and state.set_aside is not None:
+        name = f"set aside ({count(int(state.set_aside.sum()))})"
+        lines.append(rings(frame.set_aside, name, palette.innovation, 9))
+    if frame.refused is not None:  # a count here would rebuild the chart
+        lines.append(rings(frame.refused, "rejected by the gate", palette.filtered, 13))
+    return [*lines, lag_line(frame, palette)]  # without a lag too: a new line rebuilds the chart
+
+
+def innovation_lines(frame: Frame) -> tuple[str, list[ChartLine]]:
+    """Name and lines of the chart below the signal.
+
+    How far the sensors are from the fused value, or raw from filtered behind a chain: these have no innovation.
+    """
+    palette = DARK if frame.state.view.dark else LIGHT
+    if frame.sensors:
+        return "sensor − fused", sensor_lines(frame, palette, raw=False)
+    if frame.state.tuning.chain is not None:
+        name = "raw − filtered"
+        return name, [*gappy(name, frame.drawn.raw - frame.filtered, palette.innovation)]
+    v, spread = without_start(frame)
+    edges = band(0.0, spread, "2√s", palette.innovation + palette.band, scaled=True)
+    return "innovation", [*edges, *gappy("innovation", v, palette.innovation, quiet=1)]
 
 
 GAIN_LEVELS = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0)
 """Ranges of the gain chart: few, so that it rarely changes while q does."""
 
 
-def label_beside(scale: Scale, name: str) -> str:
-    """What fits beside a low chart: its name, with the unit where there is room."""
-    label = scale.label(name)
-    return label if len(label) <= MAX_LABEL_LETTERS else name
-
-
-def velocity_unit(frame: Frame) -> str:
-    """The unit of the velocity: that of the signal per s, or per sample where the sample period is not known."""
-    unit = frame.state.tuning.unit or "unit"
-    return f"{unit}/s" if frame.state.recording.sample_period is not None else f"{unit} per sample"
-
-
 def heading_of(frame: Frame) -> str:
     """Size, what is not drawn, and the status of the board; one line of markdown."""
     record, shown = frame.state.recording, frame.drawn
     waits = frame.state.live is not None and frame.state.live.waits
-    parts = [] if frame.state.live is not None else [window_text(frame)]
+    axis = time_axis(frame)
+    parts = [] if frame.state.live is not None else [f"{range_text(*axis.reach)} {axis.scale.unit}"]
     parts.append(WAITING if waits else f"{count(len(record))} samples")
     if shown.missing and not waits:
         parts.append(f"{count(shown.missing)} missing")
@@ -357,22 +296,10 @@ def heading_of(frame: Frame) -> str:
     return " · ".join(parts)
 
 
-def window_text(frame: Frame) -> str:
-    """From when to when the charts show the recording: 0 to 36 s."""
-    clock, (time, _) = time_axis(frame), time_points(frame)
-    ends = (float(time[0]) * clock.factor, float(time[-1]) * clock.factor) if len(time) else (0.0, 0.0)
-    return f"{range_text(*ends)} {clock.unit}"
-
-
 def without_start(frame: Frame) -> tuple[Array, Array]:
     """Innovation and its 2√s, clipped to the range after the start-up, which the start would dwarf."""
-    limit = largest_after_start(frame)
-    return np.clip(frame.innovation, -limit, limit), np.minimum(frame.innovation_spread, limit)
-
-
-def largest_after_start(frame: Frame) -> float:
-    """Largest |innovation| or 2√s drawn after the start-up, with a small margin; inf if nothing comes after it."""
     later = (frame.drawn.indices > frame.start_up) & np.isfinite(frame.innovation)
-    if not later.any():
-        return math.inf
-    return 1.05 * float(max(np.abs(frame.innovation[later]).max(), frame.innovation_spread[later].max()))
+    limit = math.inf  # nothing comes after the start-up
+    if later.any():
+        limit = 1.05 * float(max(np.abs(frame.innovation[later]).max(), frame.innovation_spread[later].max()))
+    return np.clip(frame.innovation, -limit, limit), np.minimum(frame.innovation_spread, limit)

@@ -1,4 +1,4 @@
-"""The source of the signal: a file, the generator, or a recording that comes with Kalscope."""
+"""The source of the signal: a file, or a recording that comes with Kalscope."""
 
 from __future__ import annotations
 
@@ -33,26 +33,32 @@ from kalscope.sources.grammar.read_options import (
 from kalscope.sources.reading.account import account, summary
 from kalscope.sources.reading.recording_file import read_recording
 from kalscope.sources.samples import list_samples
-from kalscope.sources.synthetic import NOISES, SHAPES, SignalSettings
+from kalscope.sources.synthetic import SHAPES
 from kalscope.tuning.file import load_tuning
-from kalscope.tuning.tuning import Tuning
 from kalscope_app.engine.frame import Frame
 from kalscope_app.engine.jobs import Jobs
 from kalscope_app.guard.viser_private import take_upload
-from kalscope_app.session.changes import ENDING, at_device, set_sample_period, uploaded_settings, use_settings
-from kalscope_app.session.live_changes import WAITING
+from kalscope_app.session.changes import (
+    ENDING,
+    WAITING,
+    at_device,
+    open_fleet,
+    set_sample_period,
+    uploaded_settings,
+    use_settings,
+)
 from kalscope_app.session.opening import opened, opened_experiment, with_sample_period
 from kalscope_app.session.session import Failed, Session
 from kalscope_app.session.state import Change, State
-from kalscope_app.views.fleet import FleetView
+from kalscope_app.views.fleet import fleet_of
 from kalscope_app.views.widgets import (
-    SlowJobProgress,
+    SlowJob,
     TypedNumber,
+    add_button,
     capitalised,
     escape_markdown,
     on_user,
     put,
-    typed,
 )
 from kalscope_app.views.window import PERIOD_BUTTON, PRIMARY, QUESTION
 from kalscope_app.worker.worker import Worker
@@ -92,22 +98,19 @@ def options_of(text: str) -> ReadOptions:
     Raises:
         BadSetting: a word that is no option, or a value that it does not have.
     """
-    given, missing, words = dict[str, Any](), list[str](), split_values(text)
-    while words:
-        option, is_joined, value = words.pop(0).partition("=")
-        name = option.removeprefix("--").replace("-", "_")
+    given, missing, words = dict[str, Any](), list[str](), iter(split_values(text))
+    for word in words:
+        option, _, value = word.partition("=")
         if option not in OPTIONS:
             raise BadSetting(f"import options must be some of {', '.join(OPTIONS)} (got {option[:40]!r})")
-        if name in ("day_first", "month_first"):
-            given["day_first"] = name == "day_first"
-            continue
-        if not is_joined and not words:
+        if option in ("--day-first", "--month-first"):
+            given["day_first"] = option == "--day-first"
+        elif not (value := value or next(words, "")):
             raise BadSetting(f"{option} must have a value (got none)")
-        value = value if is_joined else words.pop(0)
-        if name == "missing":
+        elif option == "--missing":
             missing.append(value)
         else:
-            given[name] = value
+            given[option.removeprefix("--").replace("-", "_")] = value
     return options_from_text(missing=missing, **given)
 
 
@@ -163,11 +166,11 @@ class QuestionView:
 
     def __init__(self, gui: viser.GuiApi, source: SourceView) -> None:
         gui.add_html(QUESTION)
-        self._button = gui.add_button("…", visible=False, hint="Reads the file again; Undo reverts it.")
+        hint = "Reads the file again; Undo reverts it."
+        self._button = add_button(gui, "…", hint, lambda _client: self._answer(source), visible=False)
         self._text = gui.add_markdown("", visible=False)
         self._question: Question | None = None
         self._about: Recording | None = None
-        on_user(self._button.on_click, lambda _client: self._answer(source))
 
     def _answer(self, source: SourceView) -> None:
         if self._question is not None and self._question.options:
@@ -190,34 +193,6 @@ class QuestionView:
             put(self._button, label=self._question.button)
 
 
-# The form that generates a synthetic signal.
-
-
-SETTINGS = "n", "sample_period", "amplitude", "period", "sigma", "outliers", "drop_outs", "channels", "seed"
-"""The numbers of `SignalSettings` that are shown; others may be typed, too."""
-
-
-class GeneratorForm:
-    """The settings of a synthetic signal and the button that generates it."""
-
-    def __init__(self, gui: viser.GuiApi, open_spec: Callable[[str, Failed], None]) -> None:
-        self._open_spec, defaults = open_spec, SignalSettings()
-        self._shape = gui.add_dropdown("shape", SHAPES, hint="The noise-free signal, plotted dashed as the truth.")
-        self._noise = gui.add_dropdown(
-            "noise", NOISES, hint="Distribution; triangular is rand − rand (Ma'arif 2019)."
-        )
-        text = " ".join(f"{name}={typed(float(getattr(defaults, name)))}" for name in SETTINGS)
-        self._numbers = gui.add_text(
-            "numbers", text, multiline=True, hint="Samples, times in s, shares 0 to 1; sigma: the noise, its std."
-        )
-        button = gui.add_button("Generate", hint="Generate this signal and open it.")
-        on_user(button.on_click, lambda _client: self._generate())
-
-    def _generate(self) -> None:
-        query = "&".join([f"noise={self._noise.value}", *self._numbers.value.split()])
-        self._open_spec(f"synthetic:{self._shape.value}?{query}", Failed.GENERATE)
-
-
 # Recordings that come with Kalscope, and the figures of the source documents.
 
 
@@ -227,35 +202,32 @@ AUTHORS = {"noise_reducer": "Ma'arif 2019", "generalized": "Khan", "lis302dl": "
 """Source documents, by what their experiments' names begin with."""
 
 
-class SamplesView:
-    """The folder "Samples and papers" of the Source tab."""
+def add_samples(gui: viser.GuiApi, session: Session, open_spec: Callable[[str], None]) -> None:
+    """The folder "Samples and papers" of the Source tab; `open_spec` opens the source of a name."""
+    specs = specs_by_label()
+    with gui.add_folder("Samples and papers"):
+        hint = "Recordings, re-created figures of three documents that publish no data, and generated signals."
+        menu = gui.add_dropdown("sample or figure", (NONE, *specs), hint=hint)
 
-    def __init__(self, gui: viser.GuiApi, session: Session, open_spec: Callable[[str, Failed], None]) -> None:
-        """Args: the usual; opens the source of this name."""
-        samples = {sample_label(sample.title, sample.made): f"sample:{sample.name}" for sample in list_samples()}
-        self._specs = samples | {experiment_label(one): f"experiment:{one.name}" for one in list_experiments()}
-        with gui.add_folder("Samples and papers"):
-            hint = "What comes with Kalscope, and figures re-created from three documents that publish no data."
-            self._menu = gui.add_dropdown("sample or figure", (NONE, *self._specs), hint=hint)
+    def open_chosen() -> None:
+        spec = specs.get(menu.value, "")
+        menu.value = NONE  # the header names what is open, and the same one can be chosen again
+        if spec.startswith("experiment:"):
+            name = spec.removeprefix("experiment:")
+            session.request(lambda state: opened_experiment(name, state), failed=Failed.OPEN)
+        elif spec:
+            open_spec(spec)
 
-        def open_chosen() -> None:
-            kind, _, name = self._specs.get(self._menu.value, "").partition(":")
-            if kind == "experiment":
-                session.request(lambda state: opened_experiment(name, state), failed=Failed.OPEN)
-            elif kind:
-                open_spec(f"sample:{name}", Failed.OPEN)
-
-        on_user(self._menu.on_update, lambda _client: open_chosen())
-
-    def show(self, frame: Frame) -> None:
-        """Show which one is open."""
-        source = frame.state.recording.source
-        self._menu.value = next((label for label, spec in self._specs.items() if spec == source), NONE)
+    on_user(menu.on_update, lambda _client: open_chosen())
 
 
-def sample_label(title: str, made: str) -> str:
-    """A sample in the menu, and how it was made where it was not measured."""
-    return f"{title} ({made})" if made else title
+def specs_by_label() -> dict[str, str]:
+    """What the menu offers, named as on the command line; a sample that was not measured says how it was made."""
+    samples = {
+        f"{one.title} ({one.made})" if one.made else one.title: f"sample:{one.name}" for one in list_samples()
+    }
+    figures = {experiment_label(one): f"experiment:{one.name}" for one in list_experiments()}
+    return samples | figures | {f"{shape.replace('_', ' ')} (generated)": f"synthetic:{shape}" for shape in SHAPES}
 
 
 def experiment_label(experiment: Experiment) -> str:
@@ -264,7 +236,7 @@ def experiment_label(experiment: Experiment) -> str:
     return f"{author}: {experiment.title.removeprefix('LIS302DL: ')}"
 
 
-# The source of the signal: a file, uploaded or by its path; the generator; and how the file was read.
+# The source of the signal: a file, uploaded or by its path; and how the file was read.
 
 
 Reader = Callable[..., Recording]
@@ -281,81 +253,61 @@ OPTIONS_HINT = "As on the command line, such as --delimiter tab --missing -200; 
 PERIOD_HINT = "Time between two samples. Empty: as recorded."
 
 
-def as_it_is(state: State) -> State:
-    """No further change."""
-    return state
-
-
 class SourceView:
     """The Source tab. A job has the worker read; the session then gets the finished Recording."""
 
     def __init__(self, gui: viser.GuiApi, session: Session, jobs: Jobs, worker: Worker, path: str = "") -> None:
         """Args: the usual; the process that reads; the path that is offered."""
         self._session, self._jobs, self._worker = session, jobs, worker
-        self._stop = threading.Event()
         self._building = threading.Lock()
         self._again: tuple[tuple[str, str], Reader] = (("", ""), open_source)
         with gui.add_folder("Your file") as self._own:
             with gui.add_form(None) as path_form:
-                self._path = gui.add_text(
-                    "path",
-                    path,
-                    hint="A log of any size on this computer, or a tuning file (.toml); press Enter to open it.",
-                )
-            self._open = gui.add_button("Open this path", hint="Open the file at this path.")
-            self._progress = gui.add_progress_bar(0.0, visible=False)
-            self._cancel = gui.add_button(
-                "Cancel", visible=False, hint="Stop reading; the current recording stays open."
-            )
-        self._report: viser.GuiMarkdownHandle | None = None
+                hint = "A log, a tuning file (.toml), a fleet's folder, or such as synthetic:step?sigma=0.2."
+                self._path = gui.add_text("path", path, hint=hint)
+            add_button(gui, "Open this path", "Or press Enter in the box.", self._open_path)
+            self._reading = SlowJob(gui, "Stop reading; the current recording stays open.")
         self._described: Recording | None = None
-        for subscribe in (self._open.on_click, path_form.on_submit):
-            on_user(subscribe, lambda _client: self.open_spec(self._path.value.strip()))
-        on_user(self._cancel.on_click, lambda _client: self._stop.set())
+        on_user(path_form.on_submit, self._open_path)
 
     def build_rest(self, gui: viser.GuiApi) -> None:
-        """The lower part: samples and papers, the generator, the import summary and the import options."""
-        self._samples = SamplesView(gui, self._session, self.open_spec)
-        with gui.add_folder("Generate a signal", expand_by_default=False):
-            self._generator = GeneratorForm(gui, self.open_spec)
-        self._fleet = FleetView(gui, self._session, self._jobs, self._worker)
+        """The lower part: samples and papers, the import summary and the import options."""
+        add_samples(gui, self._session, self.open_spec)
         with gui.add_folder("Import summary"):
+            name = "sample period"
             self._period = TypedNumber(
-                gui, self._session, "sample period", "sample period (s)", PERIOD_HINT, _period_typed
+                gui, self._session, name, f"{name} (s)", PERIOD_HINT, lambda _, text: set_sample_period(text)
             )
-            report = gui.add_markdown("")
-            self._options = gui.add_text(
-                "import options",
-                "",
-                hint=OPTIONS_HINT,
-            )
-            again = gui.add_button("Re-import", hint="Reads the file with these options, and what was added to it.")
-        on_user(again.on_click, lambda _client: self._read_again(self._options.value))
-        self._report = report  # last: a frame may come at any time
+            self._report = gui.add_markdown("")
+            self._options = gui.add_text("import options", "", hint=OPTIONS_HINT)
+            hint = "Reads the file with these options, and what was added to it."
+            add_button(gui, "Re-import", hint, lambda _client: self._read_again(self._options.value))
 
     def add_upload(self, client: viser.ClientHandle) -> None:
         """Give one browser its own upload button: a shared one would replay each upload to new browsers."""
         with self._building, self._own:  # two browsers may come at once, and viser enters a folder only once
+            hint = "A log or tuning file (.toml) of up to 64 MB; larger ones by their path."
             button = client.gui.add_upload_button(
-                "Upload a file …",
-                mime_type="*/*",
-                color=PRIMARY,
-                order=UPLOAD_ORDER,
-                hint="A log or tuning file (.toml) of up to 64 MB; larger ones by their path.",
+                "Upload a file …", mime_type="*/*", color=PRIMARY, order=UPLOAD_ORDER, hint=hint
             )
 
-        def take(_event: viser.GuiEvent[Any]) -> None:
-            upload = take_upload(button)
-            self._upload(upload.name, upload.content)
+        button.on_upload(lambda _event: self._upload(take_upload(button)))
 
-        button.on_upload(take)
+    def _open_path(self, _client: viser.ClientHandle) -> None:
+        self.open_spec(self._path.value.strip())
 
-    def open_spec(self, spec: str, failed: Failed = Failed.OPEN) -> None:
-        """Open what is named as on the command line; a tuning file is loaded onto what is open."""
+    def open_spec(self, spec: str) -> None:
+        """Open what is named as on the command line; a tuning file or a fleet is added to what is open."""
+        self._jobs.run(partial(self._open, spec), Failed.OPEN)  # a file system may take long to answer
+
+    def _open(self, spec: str) -> None:
+        name = Path(spec).name or spec
         if spec.lower().endswith(ENDING):
-            self._load(Path(spec).name, partial(load_tuning, spec))
+            self._load(name, partial(load_tuning, spec), lambda tuning: use_settings(tuning, name))
+        elif spec and Path(spec).is_dir():
+            self._load(name, partial(fleet_of, Path(spec)), open_fleet)
         else:
-            self._read(partial(open_source, spec), Path(spec).name or spec, ReadOptions(), failed=failed)
+            self._read(partial(open_source, spec), name, ReadOptions())
 
     def open_device(self, fleet: Fleet, device: int) -> None:
         """Open the recording of a device of a fleet, as the fleet read it."""
@@ -364,23 +316,25 @@ class SourceView:
         reader = partial(reopen, fleet.devices.ids[device], fleet.devices.sources[device], fleet.note)
         self._read(reader, fleet.devices.ids[device], fleet.note.reading, then=at_device(fleet, device))
 
-    def _upload(self, name: str, content: bytes) -> None:
+    def _upload(self, upload: viser.UploadedFile) -> None:
+        name, content = upload.name, upload.content
         if name.lower().endswith(ENDING):
-            self._load(name, partial(uploaded_settings, name, content))
+            self._load(name, partial(uploaded_settings, name, content), lambda tuning: use_settings(tuning, name))
         else:
             # As an array it goes to the worker without a copy.
             self._read(partial(read_upload, name, np.frombuffer(content, np.uint8)), name, ReadOptions())
 
-    def _load(self, name: str, read: Callable[[], Tuning]) -> None:
+    def _load(self, name: str, read: Callable[[], Any], change: Callable[[Any], Change]) -> None:
+        """Read what goes with the recording on screen, as a job."""
+
         def work() -> None:
-            tuning = self._worker.run(read, one_line(name)[:MAX_NAME])
-            self._session.request(use_settings(tuning, name), failed=Failed.OPEN)
+            self._session.request(change(self._worker.run(read, one_line(name)[:MAX_NAME])), failed=Failed.OPEN)
 
         self._jobs.run(work, Failed.OPEN)
 
     def read_with(self, options: str) -> None:
         """Read the same file again with options more."""
-        self._session.with_state(lambda state: self._read_again(f"{words_of(state.open.options)} {options}"))
+        self._session.with_state(lambda state: self._read_again(f"{words_of(state.options)} {options}"))
 
     def _read_again(self, text: str) -> None:
         """Read the same file again, with other options or because it has changed."""
@@ -389,7 +343,7 @@ class SourceView:
             options, recording = options_of(text), state.recording
             (source, title), reader = self._again
             same = (recording.source, recording.title) == (source, title)
-            period = state.open.typed_period if options.rate is None else None
+            period = state.typed_period if options.rate is None else None
             reader = reader if same else partial(open_source, recording.source)
             self._read(reader, recording.title or recording.source, options, period)
 
@@ -401,8 +355,7 @@ class SourceView:
         what: str,
         options: ReadOptions,
         period: float | None = None,
-        failed: Failed = Failed.OPEN,
-        then: Change = as_it_is,
+        then: Change = lambda state: state,
     ) -> None:
         """Read `what` as a job, then show it; `period` is the sample period that the user typed for this file, s.
 
@@ -410,44 +363,35 @@ class SourceView:
         """
 
         def work() -> None:
-            stop = self._stop = threading.Event()  # now: Cancel stops what is being read, not what is queued
-            with SlowJobProgress(self._progress, self._cancel) as shown:
-                read = partial(reader, options)
-                recording = self._worker.run(read, one_line(what)[:MAX_NAME], shown.report, stop.is_set)
+            with self._reading as job:
+                read, name = partial(reader, options), one_line(what)[:MAX_NAME]
+                recording = self._worker.run(read, name, job.report, job.is_cancelled)
             self._again = (recording.source, recording.title), reader
 
             def show(state: State) -> State:
-                after = then(opened(recording, state).with_open(options=options))
+                after = then(replace(opened(recording, state), options=options))
                 return after if period is None else with_sample_period(after, period)
 
-            self._session.request(show, failed=failed)
+            self._session.request(show, failed=Failed.OPEN)
 
-        self._jobs.run(work, failed)
+        self._jobs.run(work, Failed.OPEN)
 
     def show(self, frame: Frame) -> None:
-        """Show which sample or figure is open, and the import summary."""
+        """Show the import summary."""
         recording = frame.state.recording
-        if self._report is None:
-            return
-        self._samples.show(frame)
-        self._fleet.show(frame.state.fleet)
         self._period.show(frame, recording.sample_period, "")
         self._period.set_visible(frame.state.live is None)
         if recording is self._described:  # once a recording, not once a frame
             return
         waits = frame.state.live is not None and frame.state.live.waits
         self._report.content = f"{capitalised(WAITING)}." if waits else import_summary(recording)
-        self._options.value = words_of(frame.state.open.options)
+        self._options.value = words_of(frame.state.options)
         self._described = recording
 
 
 def words_of(options: ReadOptions) -> str:
     """Options as they are typed."""
     return shlex.join(option_words(options))
-
-
-def _period_typed(_name: str, text: str) -> Change:
-    return set_sample_period(text)
 
 
 def read_upload(

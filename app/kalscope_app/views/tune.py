@@ -21,7 +21,6 @@ from kalscope_app.session.changes import (
     set_gain_shown,
     set_median,
     set_momentum_position,
-    set_momentum_text,
     set_text,
     slider_limits,
     slider_position,
@@ -76,8 +75,7 @@ class ParametersView:
             self._rows = {name: self._row(gui, session, name) for name in names}
 
     def _row(self, gui: viser.GuiApi, session: Session, name: str) -> NumberWithSlider:
-        typed = set_momentum_text if name == "momentum" else set_text
-        box = TypedNumber(gui, session, name, *ROWS[name], typed)
+        box = TypedNumber(gui, session, name, *ROWS[name])
         label = "τ, 0 to 5" if name == "momentum" else f"log₁₀ {name}"
         return NumberWithSlider(gui, session, label, box, lambda at: self._moved(name, at))
 

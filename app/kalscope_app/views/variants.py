@@ -12,7 +12,7 @@ from kalscope_app.session.changes import delete_variant, momentum_words, use_var
 from kalscope_app.session.session import Session
 from kalscope_app.session.state import MAX_VARIANTS, Variant
 from kalscope_app.studies.comparisons import VariantComparison, VariantRow
-from kalscope_app.views.widgets import capitalised, escape_markdown, on_user
+from kalscope_app.views.widgets import capitalised, escape_markdown, offer, on_user
 
 NOTHING = "–"
 
@@ -36,14 +36,10 @@ class VariantsView:
         with compare_tab:
             gui.add_markdown("### Pinned settings")
             self._table = gui.add_markdown(EMPTY)
-            folder = gui.add_folder("Change a pinned setting", visible=False)
-            with folder as self._folder:
+            with gui.add_folder("Change a pinned setting", visible=False) as self._folder:
                 self._which = gui.add_dropdown("setting", list[str]([NOTHING]), hint="One of the pinned settings.")
-                self._steps = gui.add_button_group(
-                    "",
-                    ("Use", "Delete"),
-                    hint="Use: tune with its q, r, momentum and initial state. Undo reverts both.",
-                )
+                hint = "Use: tune with its q, r, momentum and initial state. Undo reverts both."
+                self._steps = gui.add_button_group("", ("Use", "Delete"), hint=hint)
         on_user(self._steps.on_click, lambda _client: self._use_or_delete())
 
     def _use_or_delete(self) -> None:
@@ -52,26 +48,14 @@ class VariantsView:
 
     def show(self, frame: Frame) -> None:
         """Offer the variants there are."""
-        names = tuple(variant.name for variant in frame.state.variants)
-        self._folder.visible = bool(names)
-        before = tuple(self._which.options)
-        if names and names != before:
-            chosen = _follow(self._which.value, before, names)
-            self._which.options = names
-            self._which.value = chosen
+        names = tuple(variant.name for variant in frame.state.variants) or (NOTHING,)
+        self._folder.visible = names != (NOTHING,)
+        new, chosen = set(names).difference(self._which.options), self._which.value
+        offer(self._which, names, max(new) if new else chosen if chosen in names else names[-1])
 
     def show_table(self, table: VariantComparison) -> None:
         """Write the table."""
         self._table.content = table_text(table)
-
-
-def _follow(chosen: str, before: tuple[str, ...], names: tuple[str, ...]) -> str:
-    """What stays chosen when the names change: the same one; a new one as soon as it is there."""
-    if len(names) > len(before) or before == (NOTHING,):
-        return next(name for name in reversed(names) if name not in before)
-    if chosen in names:
-        return chosen
-    return names[min(before.index(chosen), len(names) - 1)] if chosen in before else names[-1]
 
 
 EXPLAINED = (
@@ -109,29 +93,21 @@ def _cells(table: VariantComparison, row: VariantRow) -> dict[str, str]:
     unit = escape_markdown(table.state.tuning.unit, 12)
     quiet = "✓" if fit is not None and abs(fit.diagnostics.r1) <= fit.diagnostics.r1_bound else "✗"
     numbers = {
-        "filter": "Kalman" if chain is None else capitalised(chain.words),
+        "filter": ("Kalman" if chain is None else capitalised(chain.words)) if table.with_chain else "",
         "q": number(tuning.q) if used else "",
         "r": number(tuning.r) if used else "",
-        "τ": momentum_words(tuning.momentum, period) if used else "",
+        "τ": momentum_words(tuning.momentum, period) if used and tuning.momentum else "",
         "lag": lag_text(steady.lag_samples, period),
         "noise": decibels(-steady.noise_reduction_db),
-        "over\u00adshoot": percent(steady.overshoot),
+        "over\u00adshoot": percent(steady.overshoot) if steady.overshoot else "",
         f"RMSE {unit}".strip(): "" if measures.rmse is None else number(measures.rmse, 4),
         "NIS": "" if fit is None else number(fit.diagnostics.nis),
         "lag‑1 corr.": "" if fit is None else f"{correlation(fit.diagnostics.r1)} {quiet}",
         "log-likelihood": "" if fit is None else number(fit.loglik, 6),
     }
-    hidden = {
-        *(() if table.with_chain else ("filter",)),
-        *(() if table.with_momentum else ("τ", "over\u00adshoot")),
-    }
     name = "**current**" if row.variant is None else mark(row.variant, dark=table.state.view.dark)
-    glued = {
-        column: cell if len(cell) > MAX_UNBROKEN else cell.replace(" ", "\u00a0")
-        for column, cell in numbers.items()
-        if column not in hidden
-    }
-    return {"": name, **glued}
+    glued = (cell if len(cell) > MAX_UNBROKEN else cell.replace(" ", "\u00a0") for cell in numbers.values())
+    return {"": name, **dict(zip(numbers, glued, strict=True))}
 
 
 def mark(variant: Variant, *, dark: bool) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+import threading
 import time
 from collections.abc import Callable, Iterable
 from typing import Any
@@ -37,32 +38,6 @@ def noise_left(reduction_db: float) -> str:
     return percent(10.0 ** (-reduction_db / 20.0))
 
 
-# Progress and Cancel, on screen only while a job takes longer than a second.
-
-
-MIN_SECONDS = 1.0
-"""Seconds after which a job shows its progress and can be cancelled."""
-
-
-class SlowJobProgress:
-    """Use it in a `with` statement around the job; pass `report` to the job."""
-
-    def __init__(self, bar: Any, cancel: viser.GuiButtonHandle) -> None:
-        self._bar, self._cancel, self._start = bar, cancel, time.monotonic()
-
-    def __enter__(self) -> SlowJobProgress:
-        return self
-
-    def __exit__(self, *_error: object) -> None:
-        self._bar.visible = self._cancel.visible = False
-
-    def report(self, fraction: float, _text: str) -> None:
-        """Show how far it is."""
-        if time.monotonic() - self._start > MIN_SECONDS:
-            self._bar.value = min(max(100.0 * fraction, 0.0), 100.0)
-            self._bar.visible = self._cancel.visible = True
-
-
 # Connects widgets with the session: what a user does with a widget files a request.
 #
 # Values are set by plain assignment: viser sends nothing for an equal value, and `on_user` ignores assignments.
@@ -83,6 +58,46 @@ def on_user(
             act(event.client)
 
     subscribe(callback)
+
+
+def add_button(
+    gui: viser.GuiApi, label: str, hint: str | None, act: Callable[[viser.ClientHandle], object], **look: Any
+) -> viser.GuiButtonHandle:
+    """A button that calls `act` with the browser in which it is pressed."""
+    button = gui.add_button(label, hint=hint, **look)
+    on_user(button.on_click, act)
+    return button
+
+
+MIN_SECONDS = 1.0
+"""Seconds after which a job shows its progress and can be cancelled."""
+
+
+class SlowJob:
+    """The progress of a job and its Cancel button. Use it in a `with` statement around the job."""
+
+    def __init__(self, gui: viser.GuiApi, hint: str) -> None:
+        """Args: the usual; what Cancel does."""
+        self._stop, self._start = threading.Event(), 0.0
+        self._bar = gui.add_progress_bar(0.0, visible=False)
+        self._cancel = add_button(gui, "Cancel", hint, lambda _client: self._stop.set(), visible=False)
+
+    def __enter__(self) -> SlowJob:
+        self._stop, self._start = threading.Event(), time.monotonic()  # Cancel stops what runs, not what waits
+        return self
+
+    def __exit__(self, *_error: object) -> None:
+        self._bar.visible = self._cancel.visible = False
+
+    def is_cancelled(self) -> bool:
+        """Whether the job is to stop."""
+        return self._stop.is_set()
+
+    def report(self, fraction: float, _text: str) -> None:
+        """Show how far the job is."""
+        if time.monotonic() - self._start > MIN_SECONDS:
+            self._bar.value = min(max(100.0 * fraction, 0.0), 100.0)
+            self._bar.visible = self._cancel.visible = True
 
 
 def bind(handle: Any, session: Session, change: Callable[[Any], Change]) -> None:

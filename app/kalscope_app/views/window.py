@@ -96,9 +96,8 @@ class Panels:
 
     def __init__(self, server: viser.ViserServer) -> None:
         self._server = server
-        self._dark: bool | None = None
         self._map_shown = False
-        self.set_theme(dark=False)
+        self._set_theme(dark=False)
         server.scene.configure_default_lights(False, cast_shadow=False)  # only phones see it: a flat picture
         server.gui.main_panel.dock_left()
         server.gui.main_panel.set_width(LEFT_WIDTH)
@@ -108,10 +107,17 @@ class Panels:
         self.right.set_width(RIGHT_WIDTH_WITHOUT_MAP)
         self.right.expand()
 
-    def set_theme(self, *, dark: bool) -> None:
-        """Light or dark; every call must name all options, or viser takes its own defaults again."""
-        if dark == self._dark:
-            return
+    def show(self, frame: Frame) -> None:
+        """Follow the theme of the frame, and leave space for the map or give it to the charts."""
+        view = frame.state.view
+        if view.dark != self._dark:
+            self._set_theme(dark=view.dark)
+        if view.map_shown != self._map_shown:
+            self._map_shown = view.map_shown
+            self.right.set_width(RIGHT_WIDTH if view.map_shown else RIGHT_WIDTH_WITHOUT_MAP)
+
+    def _set_theme(self, *, dark: bool) -> None:
+        """Every call must name all options, or viser takes its own defaults again."""
         self._dark = dark
         self._server.gui.configure_theme(
             dark_mode=dark,
@@ -119,12 +125,6 @@ class Panels:
             show_share_button=False,
             brand_color=(86, 180, 233) if dark else (0, 114, 178),
         )
-
-    def set_map_shown(self, shown: bool) -> None:
-        """Leave space for the map, or give it to the charts."""
-        if shown != self._map_shown:
-            self._map_shown = shown
-            self.right.set_width(RIGHT_WIDTH if shown else RIGHT_WIDTH_WITHOUT_MAP)
 
 
 # Sentences that appear over the screen: what was done, what was refused, what went wrong.
@@ -140,8 +140,7 @@ class Notifications:
         """Args: the server of the browsers; the log, named where something went wrong."""
         self._server, self._log_file = server, log_file
         self._shown = WeakKeyDictionary[viser.ClientHandle, viser.NotificationHandle]()
-        self._early: tuple[str, str, bool] | None = None
-        self._has_met = False
+        self._missed: tuple[str, str, bool] | None = None
         self.is_ending = False
         """True during shutdown: errors are only logged, since what still runs may find the server closed."""
 
@@ -171,21 +170,16 @@ class Notifications:
         self._show("Something went wrong", sentence_for(error, self._log_file))
 
     def attach(self, client: viser.ClientHandle) -> None:
-        """Show the first browser what was said before it came, such as the note of what is opened first."""
-        if self._early is not None and not self._has_met:
-            self._show_in(client, *self._early)
-        self._has_met = True
-
-    def forget(self, client: viser.ClientHandle) -> None:
-        """The browser has disconnected."""
-        self._shown.pop(client, None)
+        """Show a browser what nobody has seen yet, such as the note of what is opened first."""
+        if self._missed is not None:
+            self._show_in(client, *self._missed)
+        self._missed = None
 
     def _show(self, title: str, message: str, *, good: bool = False) -> None:
         """One notification; plain text, so nothing in it can act as markup."""
         (log.info if good else log.warning)("%s", message)
         clients = self._server.get_clients().values()
-        if not self._has_met and not clients:
-            self._early = title, message, good
+        self._missed = None if clients else (title, message, good)
         for client in clients:
             self._show_in(client, title, message, good)
 
@@ -196,7 +190,7 @@ class Notifications:
         self._shown[client] = client.add_notification(
             title=title,
             body=message[:1000],
-            auto_close_seconds=5.0 if good else 8.0,
+            auto_close_seconds=8.0,
             color=(0, 158, 115) if good else (213, 94, 0),
         )
 
@@ -218,7 +212,7 @@ class GuardedViews:
         """Args: logs an exception and notifies the user."""
         self._report = report
         self._failed: dict[Callable[..., None], type[Exception] | None] = {}  # how the last call ended
-        self._emptied: dict[Any, list[tuple[Any, str, Any]]] = {}
+        self._emptied: dict[Callable[..., None], list[tuple[Any, str, Any]]] = {}
 
     def draw(self, show: Callable[..., None], *answer: Any, **options: Any) -> None:
         """Call `show`, a method of a view."""
@@ -227,11 +221,10 @@ class GuardedViews:
         except Exception as error:
             self.fail(error, show)
             return
-        self._failed[show], view = None, view_of(show)
-        if view in self._emptied and view not in [view_of(one) for one, error in [*self._failed.items()] if error]:
-            for widget, name, before in self._emptied.pop(view):
-                if is_empty(widget):  # the view has not written it again, because it has not changed
-                    setattr(widget, name, before)
+        self._failed[show] = None
+        for widget, name, before in self._emptied.pop(show, ()):
+            if is_empty(widget):  # the view has not written it again, because it has not changed
+                setattr(widget, name, before)
 
     def fail(self, error: Exception, *shows: Callable[..., None]) -> None:
         """Empty the views of these methods; without any, of all methods that were called."""
@@ -239,18 +232,13 @@ class GuardedViews:
         if type(error) not in map(self._failed.get, shows):
             self._report(error)
         for show in shows:
-            self._failed[show], view = type(error), view_of(show)
+            self._failed[show], view = type(error), getattr(show, "__self__", None)
             for widget in [one for one in widgets_in(view) if not is_empty(one)]:
                 name, nothing = property_of(widget)
-                self._emptied.setdefault(view, []).append((widget, name, getattr(widget, name)))
+                self._emptied.setdefault(show, []).append((widget, name, getattr(widget, name)))
                 setattr(widget, name, nothing)
             if (on_emptied := getattr(view, "on_emptied", None)) is not None:
                 on_emptied()
-
-
-def view_of(show: Callable[..., None]) -> Any:
-    """The view that a method draws."""
-    return getattr(show, "__self__", None)
 
 
 def property_of(widget: Any) -> tuple[str, Any]:
@@ -314,6 +302,9 @@ PHONE_CHECKBOX = "phone"
 ZOOM_SLIDER = "zoom"
 """Label of the hidden slider with which a page asks for the part of the window that was dragged over."""
 
+LAG_NUMBER = "lag chosen"
+"""Label of the hidden number with which a page reports the lag that was clicked, in the unit of the axis."""
+
 MAP_PICTURE, MAP_MARK = "map picture", "map mark"
 """Labels of the hidden images that the page shows as the tuning map."""
 
@@ -332,16 +323,17 @@ LEADS = {EXPORT_BUTTON: "Export", PERIOD_BUTTON: "Source", STEPS_BUTTON: "Tune"}
 COPY_BUTTON = "Copy text"
 """Label of a button that copies the text box above it, which only the page can do."""
 
-TYPED, OTHER_RATE = "Other address …", "another"
-"""The options of the menus of ports and of baud rates that stand for what is in the text box below."""
+TYPED = "Other address …"
+"""The option of the menu of ports that stands for what is in the text box below."""
 
-TEXT_BOXES = {"port": [TYPED, "address"], "baud rate": [OTHER_RATE, "rate"]}
+TEXT_BOXES = {"port": [TYPED, "address"]}
 """Menus into which a user may type what is no option: the option for that, and the label of its text box."""
 
 SIZES = {
     "scene": 'canvas[width="0"] + div:not([class])',  # the box of viser's 3-D scene
     "phone": PHONE_CHECKBOX,
     "zoom": ZOOM_SLIDER,
+    "lag": LAG_NUMBER,
     "phoneWidth": "(max-width: 36em)",  # viser then shows one sheet instead of panels
     "left": LEFT_WIDTH + 10,  # px, with the edges that viser adds to both panels
     "withMap": RIGHT_WIDTH,
@@ -393,21 +385,20 @@ class Commands:
         self._commands: list[tuple[Any, viser.CommandHandle]] = []
         taken = {*WITHOUT, *commands_of(gui)}
         for widget in widgets_of(gui):
-            if isinstance(widget, viser.GuiButtonGroupHandle):
-                for name in widget.options:
-                    if name not in taken:
-                        self._add(gui, name, widget, name)
-            elif isinstance(widget, viser.GuiCheckboxHandle | viser.GuiButtonHandle) and widget.label not in taken:
-                self._add(gui, widget.label, widget)
+            single = (widget.label,) if isinstance(widget, viser.GuiCheckboxHandle | viser.GuiButtonHandle) else ()
+            names = widget.options if isinstance(widget, viser.GuiButtonGroupHandle) else single
+            for name in names:
+                if name not in taken:
+                    self._add(gui, name, widget)
 
-    def _add(self, gui: viser.GuiApi, label: str, widget: Any, value: str | None = None) -> None:
+    def _add(self, gui: viser.GuiApi, label: str, widget: Any) -> None:
         command = gui.add_command(f"{label[:1].upper()}{label[1:]}", description=widget.hint)
 
         async def trigger(event: viser.CommandEvent) -> None:
             if event.client is None or not is_on_screen(gui, widget):
                 return
-            if value is not None:
-                widget.value = value
+            if isinstance(widget, viser.GuiButtonGroupHandle):
+                widget.value = label
             elif isinstance(widget, viser.GuiCheckboxHandle):
                 widget.value = not widget.value
             await press(widget, event.client)
@@ -431,12 +422,10 @@ class ViewTab:
 
     def __init__(self, gui: viser.GuiApi, session: Session) -> None:
         self._dark = gui.add_checkbox("dark theme", False, hint="In every browser that shows this session.")
-        self._smoother = gui.add_checkbox(
-            "show smoother (offline bound)", False, hint="It also uses later samples, which a device cannot."
-        )
-        self._velocity = gui.add_checkbox(
-            "show velocity", False, hint="In place of the gain, where the filter has momentum."
-        )
+        hint = "It also uses later samples, which a device cannot."
+        self._smoother = gui.add_checkbox("show smoother (offline bound)", False, hint=hint)
+        hint = "In place of the gain, where the filter has momentum."
+        self._velocity = gui.add_checkbox("show velocity", False, hint=hint)
         bind(self._dark, session, set_dark)
         bind(self._smoother, session, set_smoother)
         bind(self._velocity, session, set_velocity)
@@ -464,7 +453,7 @@ class HeaderView:
 
     def show(self, frame: Frame) -> None:
         """Write them."""
-        record, fusion = frame.state.recording, frame.state.settings.fusion
+        record, fusion = frame.state.recording, frame.state.fused
         if record is not self._described:  # every stamp is read: once a recording, not once a frame
             self._described, self._record.content = record, record_line(record)
         names = record.names if fusion is None else (*record.names, fusion.tuning.name)

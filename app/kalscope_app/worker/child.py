@@ -31,8 +31,6 @@ REPORT_S = 0.1
 """Seconds between two reports of progress, at least."""
 MEMORY_SHARE = 0.8
 """Share of the free memory that a task may take."""
-NO_MEMORY = 12
-"""Exit status of this process where a task does not fit into the memory."""
 MAX_CPU_S = 1800
 """Processor time of a task, s: ends even one that cannot be interrupted after the dashboard was killed."""
 PART = 1 << 24
@@ -89,8 +87,6 @@ def main(pipe: Connection, folder: str) -> None:
         while True:
             work, reports = receive(pipe)
             send(pipe, _answer(pipe, work, reports=reports))
-    except MemoryError:  # the rest of the task is still in the pipe
-        os._exit(NO_MEMORY)
     except (EOFError, OSError):
         watch.join()
 
@@ -123,7 +119,8 @@ def _answer(pipe: Connection, work: Callable[..., Any], *, reports: bool) -> tup
     free, due = free_memory(), time.monotonic() + REPORT_S
     if free is not None:
         limit_memory(int(MEMORY_SHARE * free))
-    _limit_time()
+    with suppress(AttributeError):  # Windows has no such timer
+        signal.setitimer(signal.ITIMER_PROF, MAX_CPU_S)
 
     def report(fraction: float, text: str) -> None:
         nonlocal due
@@ -133,26 +130,9 @@ def _answer(pipe: Connection, work: Callable[..., Any], *, reports: bool) -> tup
 
     try:
         return "done", work(progress=report) if reports else work()
-    except Exception as error:
-        if not isinstance(error, KalscopeError | OSError):
-            error.add_note(traceback.format_exc())
-        return "failed", _sendable(error)
-
-
-def _sendable(error: Exception) -> Exception:
-    """The error, or one with its text if it cannot be pickled."""
-    try:
-        pickle.loads(pickle.dumps(error))
-    except Exception:
-        return RuntimeError("".join(traceback.format_exception(error)))
-    return error
-
-
-def _limit_time() -> None:
-    """Let the system end this process after MAX_CPU_S more of processor time; Windows cannot."""
-    with suppress(ImportError, OSError, ValueError):
-        import resource
-
-        used = resource.getrusage(resource.RUSAGE_SELF)
-        _, hard = resource.getrlimit(resource.RLIMIT_CPU)
-        resource.setrlimit(resource.RLIMIT_CPU, (int(used.ru_utime + used.ru_stime) + MAX_CPU_S, hard))
+    except (KalscopeError, OSError, MemoryError) as error:
+        return "failed", error
+    except Exception as error:  # which may be one that cannot be pickled
+        bug = RuntimeError(repr(error))
+        bug.add_note(traceback.format_exc())
+        return "failed", bug

@@ -32,6 +32,14 @@ class EstimateAgain:
 
 
 @dataclass(frozen=True)
+class AddMomentum:
+    """Add momentum at the same lag."""
+
+    tau: float
+    """Sample periods, > 0."""
+
+
+@dataclass(frozen=True)
 class SetSpikesAside:
     """Estimate again by the spike-proof fit, `robust=True`."""
 
@@ -70,6 +78,7 @@ Action = (
     Scale
     | SetGate
     | EstimateAgain
+    | AddMomentum
     | SetSpikesAside
     | UseStillStretch
     | GiveNoise

@@ -14,12 +14,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from kalscope.analysis.candidates import Alternative, at_lag, at_noise
-from kalscope.analysis.filter_errors import Errors, difference, lower, refusal, verdict
+from kalscope.analysis.filter_errors import Errors, difference, lower, refusal, root_mean, verdict
 from kalscope.common.numbers import Array
-from kalscope.common.text import count, decibels, number, plural
+from kalscope.common.text import count, decibels, number, percent, plural
 from kalscope.errors import BadSetting
 from kalscope.filtering.classic import ChainFilter, bench_of
-from kalscope.filtering.filter import FilterResult, kalman_filter, smooth
+from kalscope.filtering.filter import FilterResult, denoise, kalman_filter, smooth
 from kalscope.filtering.params import FilterParams, one_channel
 from kalscope.filtering.steady import SteadyState, steady_state
 
@@ -78,6 +78,74 @@ def smoother(params: FilterParams, steps: Array | None) -> Alternative:
     )
 
 
+LONGEST = 1000
+"""Samples before the one that is estimated, at most, that a fixed-lag smoother takes."""
+
+
+@np.errstate(over="ignore", invalid="ignore")
+def fixed_lag(
+    z: Array, params: FilterParams, model: FilterParams | None = None, truth: Array | None = None
+) -> Alternative | None:
+    """The smoother of a model whose output comes as late as that of a filter, and what that gains.
+
+    The filter's output counts for the earlier sample that it describes best. Without the truth each estimates every
+    reading without it, as in cross-validation: what is left beside the noise r is the error.
+
+    Args:
+        z: one channel, shape (n,); NaN is a missing sample.
+        params: the filter.
+        model: what the record follows; None = params.
+        truth: the noise-free signal, shape (n,), where it is known.
+
+    Returns:
+        None where the record is too short or shows no error beside the noise, and where nothing is gained.
+    """
+    model = replace(params if model is None else model, gate=None, p0=None, x0=None)
+    steady, there = steady_state(params), np.isfinite(z)
+    slow = max(steady.settle_samples, steady_state(model).settle_samples)
+    if not (there.any() and steady.lag_samples < len(z) / 4 and slow < len(z) / 2):
+        return None
+    delay, before = max(round(float(steady.lag_samples)), 1), min(math.ceil(slow), LONGEST)
+    pulse = np.zeros(before + delay + 1)
+    pulse[before] = 1.0
+    weights = smooth(pulse, model).x  # what one sample adds to all is what all add to it
+
+    def run(z: Array) -> Array:
+        there = np.isfinite(z)
+        filled = np.interp(np.arange(len(z)), np.flatnonzero(there), z[there])
+        return np.correlate(np.pad(filled, (before, delay), mode="edge"), weights, "valid")
+
+    curve = run(z)
+    target, known = (z, 0.0) if truth is None else (truth, 1.0)
+
+    def error(estimates: Array, own: float) -> float:
+        missed = (estimates - target)[before:-delay] / (1.0 - own * (1.0 - known))
+        return root_mean(missed * missed) ** 2 - (1.0 - known) * float(model.r)
+
+    later = np.append(denoise(z, replace(params, gate=None)), np.full(delay, np.nan))
+    answer = denoise(pulse, replace(params, gate=None, p0=None, x0=None))[before:]
+    mine = error(curve, float(weights[before]))
+    yours = min(error(later[shift : shift + len(z)], float(own)) for shift, own in enumerate(answer))
+    if not yours > mine > 0.0:
+        return None
+    late, less = plural(delay, "sample"), f"{percent(1.0 - math.sqrt(mine / yours))} less error"
+    by = "the readings that each was not given" if truth is None else "the truth"
+    return Alternative(
+        name="Fixed lag",
+        parameters=f"{late} later: {less}",
+        run=run,
+        causal=False,
+        lag_samples=float(delay),
+        noise_gain=float(weights @ weights),
+        start_samples=before,
+        memory=len(pulse),
+        overshoot=math.nan,
+        sentence=f"The smoother of the best fit, {late} late, has {less} than yours as late, by {by}.",
+        curve=curve,
+        rmse=None if truth is None else math.sqrt(mine),
+    )
+
+
 def identity_words(params: FilterParams) -> str:
     """Sentences on what the current filter is once it has settled."""
     steady, tau = steady_state(params), params.momentum
@@ -131,6 +199,7 @@ def compare_alternatives(
     dt: ArrayLike | None = None,
     truth: ArrayLike | None = None,
     window: tuple[int, int] | None = None,
+    model: FilterParams | None = None,
 ) -> Comparison:
     """Compare the present filter with simpler ones at equal lag or equal noise reduction.
 
@@ -142,6 +211,7 @@ def compare_alternatives(
             smoother and the one-euro filter use it.
         truth: the noise-free signal, shape (n,), where it is known.
         window: samples of interest (first, one past last); a stretch of at most 200,000 around them is compared.
+        model: the best fit, for the fixed-lag smoother; None = params.
 
     Raises:
         BadSetting: z or params do not fit; `match` is neither.
@@ -181,7 +251,8 @@ def compare_alternatives(
         return measured(one, curve, errors, matched=matched, against=against)
 
     others, both_ways = tuple(map(row, chosen)), smoother(params, steps)
-    rows = (*others, measured(both_ways, both_ways.run(piece), errors))
+    late = fixed_lag(piece, params, model, true)
+    rows = (*others, *((late,) if late else ()), measured(both_ways, both_ways.run(piece), errors))
     words, note = _verdict(others, errors, memory, match), _note(first, last, len(samples), errors)
     return Comparison(match, first, last, errors.judged, present, rows, words, identity_words(params), note)
 

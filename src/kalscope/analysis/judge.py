@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from kalscope.analysis.actions import ChooseFilter, GiveNoise, RecordLonger, UseStillStretch
+from kalscope.analysis.actions import AddMomentum, ChooseFilter, GiveNoise, RecordLonger, UseStillStretch
 from kalscope.analysis.correction import MIN_SAMPLES
 from kalscope.analysis.diagnostics import Diagnostics
 from kalscope.analysis.findings import (
@@ -23,7 +23,7 @@ from kalscope.analysis.findings import (
     findings_of,
 )
 from kalscope.common.numbers import Array
-from kalscope.common.text import count, decibels, number
+from kalscope.common.text import count, decibels, number, percent
 from kalscope.estimation.request import Request
 from kalscope.estimation.result import Estimate, Shared
 from kalscope.estimation.verdict import below_step
@@ -34,6 +34,9 @@ HARDLY_DB = 3.0
 
 MAX_ADVICE = 2
 """Findings at a time: the first may make the later ones unnecessary."""
+
+LEAST_GAIN = 0.05
+"""Share by which errors must be smaller with momentum, to advise it."""
 
 FEW = 100
 """Residuals below which only gross misfits show."""
@@ -167,6 +170,14 @@ def judge(
     take = Finding(one.status, "take r from the still stretch that the record shows", UseStillStretch(*still))
     findings = (take if isinstance(each.action, GiveNoise) else each for each in one.findings)
     return replace(one, findings=tuple(findings))
+
+
+def with_momentum(one: Judgement, tau: float, gain: float) -> Judgement:
+    """The judgement of a filter whose errors would be smaller by the share `gain` with the momentum τ."""
+    if gain < LEAST_GAIN:
+        return one
+    text = f"with momentum the errors at the same lag would be {percent(gain)} smaller"
+    return replace(one, findings=(Finding(one.status, text, AddMomentum(tau)), *one.findings)[:MAX_ADVICE])
 
 
 def needs_noise(estimate: Estimate | None) -> bool:

@@ -31,7 +31,7 @@ COMMANDS = {
         "kalscope.cli.board:ports_command",
     ),
     "calibrate": ("Let a board measure its own noise r.", "kalscope.cli.board:calibrate_command"),
-    "demo-board": ("Send a recording over a port, as a board would.", "kalscope.cli.board:demo_board_command"),
+    "demo-board": ("Send a recording over a port, as a board would.", "kalscope.cli.demo_board:demo_board_command"),
     "report": ("Write a one-page report of a tuned recording.", "kalscope.cli.report:report_command"),
 }
 """By name, in the order of --help: the first sentence of its own help, and its function, whose arguments are its

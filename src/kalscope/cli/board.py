@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import math
 import re
-import socket
 import sys
 import time
 from contextlib import closing, suppress
@@ -13,18 +12,14 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import numpy as np
 import typer
-from numpy.typing import NDArray
 
 from kalscope.cli.console import CHECK_FAILED, TerminalLine, progress_line, say
-from kalscope.cli.options import Source, number_option
-from kalscope.cli.options import number as cli_number
+from kalscope.cli.options import number_option
 from kalscope.common.progress import Progress
 from kalscope.common.stopping import message_at_stop, stop_signals
 from kalscope.common.text import escaped, number, one_line, plain
-from kalscope.errors import BadDevice, BadSetting, Cancelled
-from kalscope.recording import Recording
+from kalscope.errors import BadDevice, Cancelled
 from kalscope.sources.port.registry import ADDRESS_EXAMPLES
 from kalscope.sources.port.serial_port import PortInfo, list_ports
 
@@ -247,121 +242,3 @@ def _wait_for_samples(live: LiveSource, progress: Progress, seconds: float) -> N
             why = f": {status.hint}" if status.hint else ". Does it run the exported sketch at this baud rate?"
             raise BadDevice(f"no sample arrived from {live.spec.text} within {seconds:g} s{why}")
         time.sleep(0.05)
-
-
-# `kalscope demo-board`: send a recording or a synthetic signal over a local socket as a board would, until stopped.
-#
-# For users without hardware, and for tests of what reads a port.
-
-
-MAX_RATE = 100_000.0
-"""Maximum number of lines per second; no serial line carries more."""
-DEFAULT_RATE = 100.0
-"""Lines per second of a recording without time."""
-_TICK_S = 0.02
-"""Longest pause between two looks for a client, lines that are due, or the end, s."""
-_MAX_BLOCKED_S = 1.0
-"""Time after which a client that reads nothing is disconnected, s."""
-
-
-class BoardLines:
-    """The lines of a board, `name:value,name:value` per sample, and when each is due; the recording repeats."""
-
-    def __init__(self, recording: Recording, rate: float | None = None) -> None:
-        """Format all lines.
-
-        Args:
-            recording: What the sensor sees; a gap in its time is a pause.
-            rate: Lines per second; None = as the recording was sampled.
-
-        Raises:
-            BadSetting: the rate is not within 0 … 100,000.
-        """
-        if rate is not None and not 0 < rate <= MAX_RATE:
-            raise BadSetting(f"--rate must be above 0 and at most {MAX_RATE:.0f} lines per second (got {rate:g})")
-        self.due, self.period = _due(recording, rate)
-        """When each line is due, s, shape (n,), and after what time the recording repeats, s."""
-        names = [_name(name, unit) for name, unit in zip(recording.names, recording.units, strict=True)]
-        self.lines = [
-            ",".join(f"{name}:{value:.9g}" for name, value in zip(names, row, strict=True)).encode() + b"\r\n"
-            for row in recording.values.tolist()
-        ]
-        """One line per sample, newline included."""
-
-    def between(self, sent: int, now: float) -> tuple[list[bytes], float]:
-        """The lines after the first `sent` ones that are due at `now`, s, and when the next one is."""
-        lines: list[bytes] = []
-        while True:
-            repeats, at = divmod(sent + len(lines), len(self.lines))
-            due = float(self.due[at]) + repeats * self.period
-            if due > now:
-                return lines, due
-            lines.append(self.lines[at])
-
-
-def _due(recording: Recording, rate: float | None) -> tuple[NDArray[np.float64], float]:
-    n = len(recording)
-    if rate is None and recording.sample_period is None:
-        rate = DEFAULT_RATE
-    if rate is not None:
-        return np.arange(n) / rate, n / rate
-    period = max(recording.sample_period or 0.0, 1 / MAX_RATE)
-    due = np.concatenate(([0.0], np.cumsum(np.maximum(np.diff(recording.time), 0.0))))
-    if n > 1 and due[-1] < (n - 1) / MAX_RATE:
-        raise BadSetting(f"--rate must be given where a recording is faster than {MAX_RATE:.0f} lines per second")
-    return due, float(due[-1]) + period
-
-
-def _name(name: str, unit: str) -> str:
-    """A name that cannot be mistaken for anything else on the line."""
-    bare = "".join("_" if c in ",:;*#\t|" or not c.isprintable() else c for c in name).strip() or "value"
-    return f"{bare}[{unit}]" if unit and unit.isprintable() and not set(unit) & set(",:;*[]") else bare
-
-
-def _listen(port: int) -> socket.socket:
-    """A socket on 127.0.0.1 for one client at a time; 0 = any free port."""
-    if not 0 <= port <= 65535:
-        raise BadSetting(f"--socket must be a port from 0 to 65535 (got {port})")
-    try:
-        server = socket.create_server(("127.0.0.1", port), backlog=1)
-    except OSError as error:
-        raise BadDevice(f"--socket must be a free port (got {port}: {error.strerror})") from error
-    server.settimeout(_TICK_S)
-    return server
-
-
-def send_lines(client: socket.socket, lines: BoardLines, stop: threading.Event) -> None:
-    """Send the lines from the first on, each when it is due, until the client disconnects or `stop` is set."""
-    client.settimeout(_MAX_BLOCKED_S)
-    start, sent = time.monotonic(), 0
-    with suppress(OSError):  # the client disconnected
-        client.sendall(b"# kalscope demo-board\r\n")
-        while not stop.is_set():
-            due_lines, due = lines.between(sent, time.monotonic() - start)
-            sent += len(due_lines)
-            client.sendall(b"".join(due_lines))
-            stop.wait(max(0.0, min(start + due - time.monotonic(), _TICK_S)))
-
-
-def demo_board_command(
-    source: Source = "demo",
-    port: Annotated[
-        int, typer.Option("--socket", metavar="PORT", help="Port on 127.0.0.1; default: any free one.")
-    ] = 0,
-    rate: Annotated[
-        float | None, number_option("Lines per second; default: as SOURCE was sampled.", cli_number)
-    ] = None,
-) -> None:
-    """Send a recording over a port, as a board would.
-
-    The port is a local socket. Each program that connects gets the recording from its start, at its own rate,
-    until Ctrl+C.
-    """
-    from kalscope.catalogue import open_source
-
-    lines = BoardLines(open_source(source), rate)
-    with _listen(port) as server, stop_signals() as stop:
-        print(f"Demo board: kalscope open tcp://127.0.0.1:{server.getsockname()[1]}", flush=True)
-        while not stop.is_set():
-            with suppress(TimeoutError), server.accept()[0] as client:
-                send_lines(client, lines, stop)

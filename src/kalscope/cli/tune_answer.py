@@ -13,6 +13,7 @@ from typing import Any, cast
 import numpy as np
 
 from kalscope.analysis import actions
+from kalscope.analysis.alternatives import MAX_SAMPLES, fixed_lag
 from kalscope.analysis.channel_kinds import default_channel, with_kinds
 from kalscope.analysis.correction import MIN_SAMPLES
 from kalscope.analysis.diagnostics import (
@@ -24,7 +25,7 @@ from kalscope.analysis.diagnostics import (
 )
 from kalscope.analysis.findings import KEEP, as_sentences
 from kalscope.analysis.fused import judge_fusion
-from kalscope.analysis.judge import Judgement, judge, needs_noise
+from kalscope.analysis.judge import Judgement, judge, needs_noise, with_momentum
 from kalscope.analysis.residuals import Run
 from kalscope.cli.tune_options import SPECIFICATIONS, FusionOptions, save
 from kalscope.common.numbers import Array
@@ -47,6 +48,7 @@ from kalscope.estimation.fit import estimate
 from kalscope.estimation.fusion import estimate_fusion, listed
 from kalscope.estimation.request import FitResult, Noise, Request, cost_text, find_parameters, shows_no_noise
 from kalscope.estimation.result import Estimate
+from kalscope.estimation.settings import momentum_gain
 from kalscope.estimation.still import find_still_stretch
 from kalscope.filtering.params import FilterParams, scalar
 from kalscope.filtering.steady import SteadyState, steady_state
@@ -174,14 +176,19 @@ def answer_for(
     unit = recording.units[recording.index(channel)]
     result = find_parameters(z, request, dt=dt, sample_period=period, progress=progress.part(0.0, 0.4))
     result = replace(result, params=_with_gate(result.params, gate))
-    allowed = result.estimate or estimate(z, dt=dt, momentum=0.0, robust=request.robust)
-    progress(0.6, "judging the answer")
     assert result.params is not None
+    momentum = "auto" if result.params.momentum else 0.0
+    allowed = result.estimate or estimate(z, dt=dt, momentum=momentum, robust=request.robust)
+    progress(0.6, "judging the answer")
     fitted = result.estimate is not None and result.reason in ("best_fit", CHOSEN)
     residuals = diagnose_run(Run.of_samples(z, result.params, dt), fitted=fitted)
     held_out = _held_out(z, dt, period, result.reason, request, progress.part(0.7, 1.0))
     still = find_still_stretch(z, dt) if needs_noise(result.estimate) else None
     judgement = judge(residuals, held_out, result.estimate, result.request, still, unit)
+    if _without(request) and not request.goal and not result.params.momentum:
+        best = estimate(z, dt=dt, robust=request.robust)
+        gain = momentum_gain(z, dt, result.params, best)
+        judgement = with_momentum(judgement, float(best.momentum), gain)
     return Answer(recording, (channel,), unit, request, result, allowed, judgement)
 
 
@@ -306,7 +313,7 @@ def option_for(action: actions.Action | None, answer: Answer) -> str:
     match action:
         case actions.SetSpikesAside():
             words = ["--robust", *without]
-        case actions.EstimateAgain():
+        case actions.EstimateAgain() | actions.AddMomentum():
             words = without
         case actions.SetGate(sigma):
             words = ["--gate off" if sigma is None else f"--gate {sigma * sigma:.4g}"]
@@ -541,6 +548,11 @@ def details_of(answer: Answer) -> Iterator[str]:
         yield from wrapped(f"  {name}: {noise}, {f'offset {offset} {unit}'.rstrip()}{gains}")
     for one in judged.sensors:
         yield from wrapped(" ".join(one.if_it_fails))
+    params = None if answer.fuses else answer.result.params
+    if params is not None and len(z) <= MAX_SAMPLES:
+        best = answer.result.estimate or estimate(z[:, 0], dt=_steps(answer.recording))
+        late = fixed_lag(z[:, 0], params, best.params)
+        yield from wrapped(late.sentence) if late else ()
     if judged.residuals is not None:
         yield ""
         yield from _columns(("residuals", "measured", "expected (95 %)"), *residual_rows(judged.residuals))

@@ -256,12 +256,12 @@ def _or_without_noise(data: Differences, inner: Top, progress: Progress) -> Top:
     return Top(np.append(edge.at, math.inf), edge.height, np.pad(edge.curvature, (0, 1)), _LOW, _HIGH)
 
 
-def _part_of(data: Differences) -> Differences:
+def _part_of(data: Differences, stretches: int = _STRETCHES, length: int = _STRETCH) -> Differences:
     """Stretches of a long record, spread over all of it: it shows both what is near and what is far."""
-    if data.m <= 1.5 * _STRETCHES * _STRETCH:
+    if data.m <= 1.5 * stretches * length:
         return data
-    firsts = np.linspace(0, data.m + 1 - _STRETCH, _STRETCHES).astype(int).tolist()
-    return data.parts((first, first + _STRETCH) for first in firsts)
+    firsts = np.linspace(0, data.m + 1 - length, stretches).astype(int).tolist()
+    return data.parts((first, first + length) for first in firsts)
 
 
 def ratios_for(m: int, log_tau: float) -> Array:
@@ -436,6 +436,8 @@ FOLDS = 5
 """Parts of the record, each of which is predicted by fits to all the others."""
 MIN_SAMPLES = 60
 """Samples of the record, so that each part holds a dozen."""
+_UNSEEN_STRETCHES, _UNSEEN_STRETCH = 16, 8192
+"""Stretches of a long record, and samples of each, that are predicted: enough to tell MIN_LESS."""
 _BLOCKS = 2
 """Stretches of each part. All count alike: a sensor may lie still in one of them, and be shaken in another."""
 
@@ -449,7 +451,9 @@ def _better_prediction(data: Differences, plain: Estimate, top: Top, progress: P
         top: the best place of the likelihood with momentum.
         progress: receives progress reports.
     """
-    z = np.concatenate([[0.0], np.cumsum(data.d)])
+    seen = _part_of(data, _UNSEEN_STRETCHES, _UNSEEN_STRETCH)
+    stretch = data.m + 1 if seen is data else _UNSEEN_STRETCH
+    data, z = seen, np.concatenate([[0.0], np.cumsum(seen.d)])
     ends = np.linspace(0.0, len(z), FOLDS + 1).astype(int).tolist()
     ratios: list[Array] = [np.empty(0)]
     for i, part in enumerate(itertools.pairwise(ends)):
@@ -461,19 +465,20 @@ def _better_prediction(data: Differences, plain: Estimate, top: Top, progress: P
             now(0.9, "prediction of unseen samples")
             tau = momentum_of(log_tau)
             (q,), (r,) = pairs(np.array([log_moves]), np.array([tau])).tolist()  # the scale changes no prediction
-            walk = _squares(z, data.gap, FilterParams(q=pair.q, r=pair.r), part)
-            moving = _squares(z, data.gap, FilterParams(q=q, r=r, momentum=tau), part)
+            walk = _squares(z, data.gap, FilterParams(q=pair.q, r=pair.r), part, stretch)
+            moving = _squares(z, data.gap, FilterParams(q=q, r=r, momentum=tau), part, stretch)
             still = (walk == 0.0) | (moving == 0.0)
             ratios.append(np.sqrt(moving[~still] / walk[~still]))
     logs = np.log(np.concatenate(ratios))
     return 1.0 - float(np.exp(logs.mean())) if len(logs) else None
 
 
-def _squares(z: Array, gap: Array, params: FilterParams, part: tuple[int, int]) -> Array:
-    """Mean squared one-step error of each stretch of a part."""
+def _squares(z: Array, gap: Array, params: FilterParams, part: tuple[int, int], stretch: int) -> Array:
+    """Mean squared one-step error of each block of a part; of each stretch without the first sample."""
     dt = np.append(1.0, gap[: part[1] - 1]) if len(gap) else None
-    squares = kalman_filter(z[: part[1]], params, dt).innovation[max(part[0], 1) :] ** 2
-    return np.array([float(np.mean(stretch)) for stretch in np.array_split(squares, _BLOCKS)])
+    squares = kalman_filter(z[: part[1]], params, dt).innovation[part[0] :] ** 2
+    squares = squares[np.arange(*part) % stretch > 0]
+    return np.array([float(np.mean(block)) for block in np.array_split(squares, _BLOCKS)])
 
 
 # An Estimate with momentum: intervals, a verdict and words.

@@ -7,7 +7,9 @@ a number) fixes r; what is left is estimated from the record.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Literal
 
 import numpy as np
@@ -42,6 +44,7 @@ from kalscope.estimation.settings import (
     Cost,
     code_in,
     cost_curve,
+    expected_error,
     movement_lost,
     movement_of,
     noise_left,
@@ -130,8 +133,8 @@ class Request:
     noise: Noise = Noise()
     """What is known about r."""
     momentum: float | Literal["auto"] = "auto"
-    """τ in sample periods, or "auto", as `estimate` takes it; "auto" is 0 with a target, and with a ratio or known
-    noise it can only be 0."""
+    """τ in sample periods, or "auto", as `estimate` takes it; with a target "auto" is that of the best fit where it
+    leaves less error than none, and with a ratio or known noise it can only be 0."""
     overshoot: float | None = None
     """Share of a step that the target may cost; the momentum follows from both."""
     robust: bool | Literal["auto"] = "auto"
@@ -240,16 +243,18 @@ def find_parameters(
         return _answer(z, dt, sample_period, begun)
     origin = f", r {request.noise.origin}" if known else ""
     if ratio is None:
-        params = params_for_specification(
-            known[0] if known else 1.0,
+        at_target = partial(
+            params_for_specification,
             **request.target,
             sample_period=sample_period,
-            momentum=tau or 0.0,
             overshoot=request.overshoot,
         )
-        text = known[1] if known else ""
+        params, text = at_target(known[0] if known else 1.0, momentum=tau or 0.0), known[1] if known else ""
         if not known:
-            params, text = _with_noise(params, z, dt, request, Progress(progress, cancelled))
+            one = estimate(z, "ml", dt, Progress(progress, cancelled), robust=request.robust)
+            if tau is None and request.overshoot is None:
+                params = _with_less_error(params, at_target, z, dt, one)
+            params, text = _with_noise(params, z, dt, one)
         keeps = f" with a momentum of {plural(params.momentum, 'sample')}" if params.momentum else ""
         text = f"q/r = {number(params.ratio, 4)}{keeps} has {request.goal}. {text}"
         result = FitResult(params, f"{request.goal}{origin}", text, request=request)
@@ -334,8 +339,8 @@ def _answer(z: Array, dt: Array | None, period: float | None, begun: FitResult) 
     how = f"the {name} setting, q/r = {number(params.ratio, 4)}" if name else begun.how
     params, before = with_gate_and_start(z, dt, params, one, movement), params.gate
     if params.gate != before:
-        gate = "No gate" if params.gate is None else f"A gate of {gate_text(params.gate)}"
-        text = f"{text} {gate} leaves less error here, and is used."
+        used = f"A gate of {gate_text(params.gate)} leaves less error here, and is used."
+        text = f"{text} {used if params.gate else 'No gate is used: it would delay or keep out movement.'}"
     return replace(
         begun,
         params=params,
@@ -375,7 +380,7 @@ def cost_text(one: Cost, period: float | None) -> str:
     )
 
 
-def _check_lag(params: FilterParams, samples: int, sample_period: float | None) -> None:
+def _check_lag(params: FilterParams, samples: int, sample_period: float | None = None) -> None:
     """BadSetting where the filter is slower than the record, or too fast to change a sample."""
     if params.q == 0.0:
         raise BadSetting("the target must leave q above 0: ask for less smoothing (got q = 0)")
@@ -388,12 +393,24 @@ def _check_lag(params: FilterParams, samples: int, sample_period: float | None) 
         )
 
 
-def _with_noise(
-    params: FilterParams, z: Array, dt: Array | None, request: Request, progress: Progress
-) -> tuple[FilterParams, str]:
-    """The filter of r = 1 with an r of this record, and where that is from: the likelihood, or its errors."""
+def _with_less_error(
+    params: FilterParams, at_target: Callable[..., FilterParams], z: Array, dt: Array | None, one: Estimate
+) -> FilterParams:
+    """The filter of r = 1, or the one with the momentum of the best fit that meets the same target.
+
+    Momentum helps while the lag is near that of the best fit. With more lag the filter goes too far at every turn.
+    """
+    if one.momentum > 0.0 and one.r > 0.0:
+        movement, r = movement_of(z, dt, one), float(one.r)
+        with suppress(BadSetting):  # not every target can be met with it
+            _check_lag(moving := at_target(1.0, momentum=float(one.momentum)), len(z))
+            return min(params, moving, key=lambda each: expected_error(movement, each, r, dt))
+    return params
+
+
+def _with_noise(params: FilterParams, z: Array, dt: Array | None, one: Estimate) -> tuple[FilterParams, str]:
+    """The filter of r = 1 with an r of this record, and where that is from: its best fit, or its errors."""
     band = "it sets the width of the band, not the curve."
-    one = estimate(z, "ml", dt, progress, momentum=0.0, robust=request.robust)
     if one.r > 0.0:  # valid at the edge q = 0 too
         spikes = sum(map(len, one.spikes))
         gate = (

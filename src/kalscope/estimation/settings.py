@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from kalscope.common.numbers import Array
+from kalscope.errors import BadSetting
 from kalscope.estimation.result import Estimate
 from kalscope.filtering.filter import denoise, kalman_filter, smooth
 from kalscope.filtering.params import MAX_VARIANCE, FilterParams
@@ -34,6 +35,9 @@ GATES = (None, 4.0, 5.0, 6.0, 7.0, 8.0, 10.0)
 
 CODES, FEWEST, LONGEST_CODE = (0.05, 0.4), 3, 3.0
 """Least and largest share of the samples that are a code; least number of them; longest mean run."""
+
+KEPT_OUT = 0.1
+"""Share of the movement that a gate may keep out: more is a light that is switched rather than spikes."""
 
 BETTER = 0.9
 """An error must be this much smaller than that of the gate already chosen, to replace it."""
@@ -78,6 +82,28 @@ def movement_lost(movement: Array, params: FilterParams, dt: Array | None) -> fl
     return _rms(denoise(movement, params, dt) - movement) / size if size > 0.0 else 0.0
 
 
+def expected_error(movement: Array, params: FilterParams, r: float, dt: Array | None) -> float:
+    """The RMS error that a filter leaves: what it changes of the movement, and of noise of variance r, unit²."""
+    return math.hypot(_rms(denoise(movement, params, dt) - movement), math.sqrt(r) * noise_left(params))
+
+
+def momentum_gain(z: Array, dt: Array | None, params: FilterParams, one: Estimate) -> float:
+    """The share by which the momentum of an estimate makes the error of a filter smaller at the same lag.
+
+    It is below 0 where momentum makes it larger, and 0 where the filter has momentum, the estimate has none, or
+    the estimate is of a part of the record.
+    """
+    r, tau, aside = float(one.r), float(one.momentum), one.outliers
+    if params.momentum or not tau or not r > 0.0 or (aside is not None and len(aside) != len(z)):
+        return 0.0
+    try:
+        ratio = ratio_for(lag_samples=steady_state(params).lag_samples, momentum=tau)
+    except BadSetting:  # it follows at once, or never
+        return 0.0
+    movement, moving = movement_of(z, dt, one), FilterParams(q=ratio, r=1.0, momentum=tau)
+    return 1.0 - expected_error(movement, moving, r, dt) / expected_error(movement, params, r, dt)
+
+
 def cost_curve(movement: Array, dt: Array | None) -> tuple[Cost, ...]:
     """What each lag costs, shortest first, the settings among them; () where nothing moves."""
     if not movement.any():
@@ -117,7 +143,8 @@ def with_gate_and_start(
 ) -> FilterParams:
     """The filter with the start and the gate that bring it nearest to the movement, where samples were set aside.
 
-    A gate keeps spikes out but delays steps, so a wider one may leave less error. Where the first sample is a spike
+    A gate keeps spikes out but delays steps, so a wider one may leave less error, and none where each would keep
+    movement out. Where the first sample is a spike
     the filter begins with the first good one, which the gate then lets it keep.
     """
     if one.outliers is None or not one.outliers.any() or one.q <= 0.0:
@@ -125,11 +152,16 @@ def with_gate_and_start(
     good = z[np.isfinite(z) & ~one.outliers]
     if len(good) and one.outliers[np.argmax(np.isfinite(z))]:
         params = replace(params, x0=float(good[0]), p0=float(params.r))
-    best = params
-    least = BETTER * _rms(denoise(z, params, dt) - movement)
+    most = KEPT_OUT + movement_lost(movement, replace(params, gate=None, x0=None, p0=None), dt)
+
+    def error_of(one: FilterParams) -> float:
+        keeps_out = one.gate is not None and movement_lost(movement, replace(one, x0=None, p0=None), dt) > most
+        return math.inf if keeps_out else _rms(denoise(z, one, dt) - movement)
+
+    best, least = params, BETTER * error_of(params)
     for sigma in GATES:
         other = replace(params, gate=None if sigma is None else sigma * sigma)
-        error = _rms(denoise(z, other, dt) - movement)
+        error = error_of(other)
         if error < least:
             best, least = other, error
     return best

@@ -271,6 +271,10 @@ MAX_SHARE = 0.2
 """Share of the samples set aside beyond which no pair is given: that much is not a few spikes."""
 MAX_FITS = 20
 """Rounds of the loop, at most."""
+STRETCHES, STRETCH = 16, 8192
+"""Of a record twice as long the rounds fit these stretches, spread over it, and only the last fit is of all."""
+FEW_MOVES = 1e-4
+"""Share of the samples of such a record that may still be set aside or taken back at the end."""
 _NOTHING_TO_JUDGE = ("too_few", "constant", "bad_unit")
 
 
@@ -307,25 +311,44 @@ def spike_proof(full: Fit, with_momentum: Callable[[float], Fit], always: bool |
         return full
 
     def fit(z: Array, steps: Array, progress: Progress) -> Estimate:
-        plain = full(z, steps, progress.part(0.0, 0.3))
+        part = part_of(z)
+        plain = full(part, steps, progress.part(0.0, 0.3))
+        if plain.verdict in _NOTHING_TO_JUDGE and part is not z:
+            part, plain = z, full(z, steps, progress.part(0.0, 0.3))
         if plain.verdict in _NOTHING_TO_JUDGE:
             return plain
+
+        def unchanged() -> Estimate:
+            return plain if part is z else full(z, steps, progress)
+
         far, looks_spiky = far_from_median(z)
         if always is None and not (looks_spiky or more_than_chance(_scores(z, steps, plain), z)):
-            return plain
-        one, outliers, scores = _settle(z, steps, plain, full, with_momentum, far, progress.part(0.3, 0.95))
+            return unchanged()
+        one, outliers, scores = _settle(z, part, steps, plain, full, with_momentum, far, progress.part(0.3, 0.95))
         if always is None and not more_than_chance(np.where(outliers, scores, 0.0), z):
-            return plain
+            return unchanged()
         answer = _conclude(z, steps, plain, one, outliers)
         if always is None and answer.verdict == "no_noise" and plain.params is not None:
-            return replace(plain, message=f"{plain.message} {verdict.kept(int(outliers.sum()))}")
+            same = unchanged()
+            return replace(same, message=f"{same.message} {verdict.kept(int(outliers.sum()))}")
         return answer
 
     return fit
 
 
+def part_of(z: Array) -> Array:
+    """The record, shape (n,), with only its STRETCHES where it is long; the others are missing."""
+    if len(z) < 2 * STRETCHES * STRETCH:
+        return z
+    part = np.full(len(z), np.nan)
+    for first in np.linspace(0, len(z) - STRETCH, STRETCHES).astype(int).tolist():
+        part[first : first + STRETCH] = z[first : first + STRETCH]
+    return part
+
+
 def _settle(
     z: Array,
+    part: Array,
     steps: Array,
     plain: Estimate,
     full: Fit,
@@ -340,15 +363,17 @@ def _settle(
     """
     seen: list[bytes] = []
     tau, start = float(plain.momentum), outliers
+    few = 0 if part is z else int(FEW_MOVES * len(z))
     fit = with_momentum(tau)
     for count in range(MAX_FITS):
         progress.step(count, "samples that neither side predicts")
-        one = fit(np.where(outliers, np.nan, z), steps, progress.part(1.0 - 0.8**count, 1.0 - 0.8 ** (count + 1)))
+        fitted = np.where(outliers, np.nan, z if fit is full else part)
+        one = fit(fitted, steps, progress.part(1.0 - 0.8**count, 1.0 - 0.8 ** (count + 1)))
         if one.verdict in _NOTHING_TO_JUDGE:
             return one, outliers, np.where(outliers, math.inf, 0.0)
         scores = _scores(z, steps, one)
         next_outliers = scores > 0.0
-        if np.array_equal(next_outliers, outliers):
+        if np.count_nonzero(next_outliers != outliers) <= few:
             if fit is full:
                 return one, outliers, scores
             fit = full

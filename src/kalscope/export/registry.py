@@ -267,17 +267,6 @@ def in_sketch_folder(files: dict[str, str]) -> dict[str, str]:
     return {f"{sketch}/{name}": text for name, text in files.items()} if sketch else files
 
 
-def existing_files(files: dict[str, str], folder: Path) -> list[str]:
-    """Those of the names that are in the folder already.
-
-    Raises:
-        BadSetting: A name leads out of the folder.
-    """
-    from kalscope.common.files import check_inside
-
-    return [name for name in files if check_inside(name, folder).exists()]
-
-
 def write_files(files: dict[str, str], folder: Path, *, force: bool = False) -> list[Path]:
     """Write the files of an export into a folder, which is created if it is missing: all of them or none.
 

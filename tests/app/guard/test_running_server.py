@@ -5,7 +5,6 @@ from __future__ import annotations
 import socket
 import threading
 import types
-from collections.abc import Iterator
 
 import pytest
 import viser
@@ -21,17 +20,9 @@ from websockets.sync.client import ClientConnection
 
 from kalscope.errors import BadSetting
 from kalscope_app.guard import requests as request_filter
-from kalscope_app.guard.server import GuardedServer, GuardFailed, guarded_server
+from kalscope_app.guard.server import GuardFailed, guarded_server
 
 TOKEN = "T0ken-T0ken_T0ken"
-HOME = request_filter.Policy(8080, TOKEN).home
-
-
-@pytest.fixture(scope="module")
-def shared() -> Iterator[GuardedServer]:
-    """One server for all requests that change nothing."""
-    with guarded_server(port=0, token=TOKEN) as running:
-        yield running
 
 
 def cookie(port: int) -> str:
@@ -47,39 +38,11 @@ def get(port: int, target: str = "/", host: str | None = None, extra: str = "") 
     return exchange(port, f"GET {target} HTTP/1.1\r\nHost: {host}\r\n{extra}\r\n")
 
 
-def headers_of(answer: bytes) -> dict[str, str]:
-    lines = answer.partition(b"\r\n\r\n")[0].decode("latin-1").split("\r\n")[1:]
-    return {name.lower(): value for name, _, value in (line.partition(": ") for line in lines)}
-
-
-# --- pages ------------------------------------------------------------------------------------------------
-
-
-def test_the_link_gives_a_strict_cookie_that_opens_the_page(shared):
-    assert shared.url == f"http://127.0.0.1:{shared.port}/?token={TOKEN}"
-    link = headers_of(get(shared.port, f"/?token={TOKEN}"))
-    given, *attributes = link["set-cookie"].split("; ")
-    assert set(attributes) == {"HttpOnly", "SameSite=Strict", f"Path={HOME[:-1]}"}
-    assert b'<div id="root">' in get(shared.port, extra=f"Cookie: {given}\r\n")
-
-
 # --- websockets -------------------------------------------------------------------------------------------
 
 
 def client(port: int, *, token: str = TOKEN) -> ClientConnection:
     return wire.client(port, token=token)
-
-
-def test_sockets_wait_until_the_limits_stand():
-    """An old tab tries to reconnect every second while the server starts."""
-    requests = request_filter.RequestFilter(request_filter.Policy(8080, TOKEN))
-    headers = {"Host": "localhost", "Origin": "http://localhost", "Upgrade": "websocket", "Cookie": cookie(8080)}
-    request = Request("/", Headers(headers))
-    let_viser_answer = object()
-    connection = types.SimpleNamespace()
-    assert requests.answer(lambda *_: let_viser_answer, connection, request).status_code == 503  # pyright: ignore
-    requests.is_open = True
-    assert requests.answer(lambda *_: let_viser_answer, connection, request) is let_viser_answer  # pyright: ignore
 
 
 def test_an_error_in_viser_itself_is_not_let_through():
@@ -102,7 +65,8 @@ def test_a_busy_port_is_named_and_not_left_for_the_next():
         with pytest.raises(BadSetting) as error:
             guarded_server(port=port)
     assert str(error.value) == (
-        f"port {port} is in use by another program: choose another with --port, or --port 0 for any free one"
+        f"host '127.0.0.1' with port {port} cannot be used on this machine: Address already in use;"
+        " --port 0 takes any free port"
     )
 
 
@@ -115,15 +79,6 @@ def test_an_unusable_host_is_named_at_once(host):
         guarded_server(host, 0)
     assert repr(host) in str(error.value)
     assert "\n" not in str(error.value)
-
-
-def test_a_port_below_1024_names_the_rights(monkeypatch):
-    def refuse(*_, **__):
-        raise PermissionError(13, "Permission denied")
-
-    monkeypatch.setattr(socket, "create_server", refuse)
-    with pytest.raises(BadSetting, match="port 80 needs administrator rights"):
-        guarded_server(port=80)
 
 
 def test_all_networks_need_a_name():

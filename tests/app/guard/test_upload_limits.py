@@ -10,7 +10,6 @@ import msgspec
 import pytest
 import viser
 import wire
-from each import each
 from viser import _messages as messages
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection
@@ -113,20 +112,14 @@ SCOPES = pytest.mark.parametrize("scope", ["shared", "client"])
 
 
 @SCOPES
-@each("attribute", ["removed", "update_cb", "is_button", "update_timestamp", "uuid", "sync_cb"])
-def test_no_other_attribute_of_a_widget_can_be_set(bench, scope, attribute):
-    state = bench.texts[scope]._impl
-    bench.update(scope, **{attribute: "hostile"})
-    bench.settle()
-    assert getattr(state, attribute) != "hostile"
-    bench.texts[scope].value = "still usable"
-
-
-@SCOPES
-def test_of_a_mixed_update_only_the_value_is_taken(bench, scope):
-    bench.update(scope, removed=True, value="new", update_cb=[])
+def test_of_an_update_only_the_value_is_taken(bench, scope):
+    others = ("removed", "update_cb", "is_button", "update_timestamp", "uuid", "sync_cb")
+    for attribute in others:
+        bench.update(scope, **{attribute: "hostile"})
+    bench.update(scope, value="new", **dict.fromkeys(others, "hostile"))
     assert bench.changed.get(timeout=PATIENCE) == "new"
-    assert bench.texts[scope]._impl.removed is False
+    assert "hostile" not in [getattr(bench.texts[scope]._impl, attribute) for attribute in others]
+    bench.texts[scope].value = "still usable"
 
 
 def test_a_share_request_does_nothing(bench, monkeypatch):
@@ -169,17 +162,15 @@ def test_an_oversize_upload_is_refused_before_a_part_is_stored(bench, scope, siz
     assert bench.refused.empty()
 
 
-def test_a_client_has_one_upload_at_a_time_and_all_together_two(bench):
+def test_one_upload_runs_at_a_time(bench):
     shared, own = bench.buttons["shared"]._impl.uuid, bench.buttons["client"]._impl.uuid
     bench.start(shared, CAP, 2, "a")
     bench.start(own, 1, 1, "b")
     assert "under way" in bench.refused.get(timeout=PATIENCE)
-    with client(bench.running.port) as second, client(bench.running.port) as third:
+    with client(bench.running.port) as second:
         Bench(bench.running, second, bench.refused).start(shared, CAP, 2, "c")
-        wait_for(lambda: len(bench.under_way()) == 2, bench)
-        Bench(bench.running, third, bench.refused).start(shared, 1, 1, "d")
         assert "under way" in bench.refused.get(timeout=PATIENCE)
-        assert bench.under_way() == {"a": CAP, "c": CAP}
+        assert bench.under_way() == {"a": CAP}
 
 
 def test_more_bytes_than_announced_are_refused_and_end_the_connection(bench):
@@ -232,9 +223,7 @@ def test_another_client_cannot_add_to_an_upload(bench):
         intruder = Bench(bench.running, other, bench.refused)
         intruder.part(uuid, 0, b"!", "big enough")
         intruder.start(uuid, 1, 1, "own")
-        intruder.part(uuid, 0, b"2", "own")
-        # No camera was sent, so viser stores the intruder's own file without a callback: wait for the file.
-        wait_for(lambda: getattr(bench.buttons["shared"].value, "content", b"") == b"2", bench)
+        assert "under way" in bench.refused.get(timeout=PATIENCE)  # the part was handled before
     bench.part(uuid, 0, b"ok", "big enough")
     assert bench.uploaded.get(timeout=PATIENCE).content == b"ok"
 

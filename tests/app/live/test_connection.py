@@ -9,7 +9,7 @@ import pytest
 
 from kalscope import Recording
 from kalscope_app.live import BoardConnection
-from kalscope_app.session.live_changes import opened_live
+from kalscope_app.session.changes import opened_live
 from kalscope_app.session.opening import opened
 from kalscope_app.session.session import Session, undo
 
@@ -17,8 +17,8 @@ from kalscope_app.session.session import Session, undo
 class Source:
     """A source that only notes what is asked of it."""
 
-    def __init__(self, _port=None, *, reconnect=True):
-        self.calls, self.recorder, self.reconnect = [], None, reconnect
+    def __init__(self, _port=None):
+        self.calls, self.recorder = [], None
         self.spec = SimpleNamespace(url="x", baud=9600)
 
     def start(self):
@@ -79,10 +79,10 @@ def test_a_board_that_is_recorded_stays_connected_behind_a_file(connection, boar
 def test_another_board_is_not_closed_before_the_session_shows_it(connection, board, monkeypatch):
     monkeypatch.setattr("kalscope_app.live.LiveSource", Source)
     session = Session(opened_live(board.id, "x"), connection)
-    connection.open(session, None, reconnect=False)
+    connection.open(session, None)
     other = connection.source
     connection.look_at(board.id)
-    assert (board.source.calls, other.calls, other.reconnect) == (["start", "close"], ["start"], False)
+    assert (board.source.calls, other.calls) == (["start", "close"], ["start"])
     state = session.apply_requests()[0]
     assert connection.source is state.live.board
     connection.look_at(None)
@@ -92,7 +92,7 @@ def test_another_board_is_not_closed_before_the_session_shows_it(connection, boa
 def test_a_board_is_closed_where_a_later_request_of_the_same_turn_shows_a_file(connection, board, monkeypatch):
     monkeypatch.setattr("kalscope_app.live.LiveSource", Source)
     session = Session(opened_live(board.id, "x"), connection)
-    connection.open(session, None, reconnect=True)
+    connection.open(session, None)
     other = connection.source
     session.request(lambda state: opened(FILE, state))
     session.apply_requests()
@@ -106,7 +106,7 @@ def test_an_overtaken_request_does_not_close_the_board_that_is_awaited(connectio
     monkeypatch.setattr("kalscope_app.live.LiveSource", Source)
     session, changes = Session(opened(FILE), connection), []
     for _ in range(2):
-        connection.open(SimpleNamespace(request=changes.append), None, reconnect=True)
+        connection.open(SimpleNamespace(request=changes.append), None)
     session.request(changes[0])
     session.apply_requests()
     assert connection.source.calls == ["start"]

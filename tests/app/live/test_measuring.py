@@ -15,9 +15,10 @@ from kalscope.common.text import number
 from kalscope.sources.live.source import LiveSource
 from kalscope_app.engine.jobs import Jobs
 from kalscope_app.live import BoardConnection
-from kalscope_app.session.live_changes import opened_live, set_paused
+from kalscope_app.session.changes import opened_live, set_paused
 from kalscope_app.session.opening import opened
 from kalscope_app.session.session import Failed, Session, undo
+from kalscope_app.views import widgets
 from kalscope_app.views.board import FORGET, KEEP, CalibrationView
 
 
@@ -96,7 +97,8 @@ class Desk:
 
 
 @pytest.fixture
-def desk():
+def desk(monkeypatch):
+    monkeypatch.setattr(widgets, "MIN_SECONDS", 0.0)  # else Cancel is only there after a second
     with MeasuringBoard() as board:
         desk = Desk(board)
         yield desk
@@ -108,7 +110,7 @@ def test_a_board_measures_and_its_values_are_compared_used_and_kept(desk):
     desk.session.request(set_paused(True))  # the screen stands still, the samples go on
     desk.measure("4")
     desk.click("Let the board measure r")  # twice: one measurement
-    wait_until(lambda: desk.shown("Cancel"))
+    wait_until(lambda: desk.shown("Cancel") and desk.text)
     assert desk.text == "Measuring for 4 s: keep what the sensor measures constant."
     assert not desk.shown("Let the board measure r")
     wait_until(lambda: desk.shown("Use its r and q here"))

@@ -51,4 +51,4 @@ def test_a_file_opens_as_it_was_left_but_for_the_guess_of_an_older_version(tmp_p
     guess = ChannelTuning("a", "", 7.0, 9.0, how="starting values")
     chosen = ChannelTuning("b", "", 7.0, 9.0, how="by hand")
     after = as_it_was_left(Tuning((guess, chosen), source=state.recording.source, sample_period=1.0))(state)
-    assert after.settings.tunings == (state.settings.tunings[0], chosen)
+    assert after.tunings == (state.tunings[0], chosen)

@@ -57,10 +57,10 @@ def test_the_file_has_everything_and_is_private(tmp_path):
 
 def test_the_token_is_in_no_log(tmp_path, capsys):
     file = tmp_path / "kalscope.log"
-    with logging_to(file, verbose=True) as log:
+    with logging_to(file, verbose=True) as hidden:
         OURS.warning("asked for /?token=Another-secret_of-old&x")
         OURS.warning("Cookie: kalscope_8080=Another-secret_of-old; a=b")
-        log.hidden.append(TOKEN)
+        hidden.append(TOKEN)
         OURS.warning("somewhere %s inside", TOKEN)
         fail(f"bad {TOKEN}")
     for text in (file.read_text(), capsys.readouterr().err):

@@ -15,22 +15,22 @@ from kalscope.errors import BadSetting
 from kalscope.estimation.pool import Losses
 from kalscope.fleet.results import Fleet, RunNote, Shared, read_fleet, reopen
 from kalscope.sources.grammar.read_options import ReadOptions
+from kalscope_app.engine.filter_runs import Cache
 from kalscope_app.session.changes import (
     at_device,
     close_fleet,
     find_devices,
     open_fleet,
-    set_at_shared,
     set_fleet_order,
     set_text,
 )
 from kalscope_app.session.opening import opened
 from kalscope_app.session.session import Session, undo
 from kalscope_app.session.state import MAX_ROWS, ORDERS, OpenFleet
-from kalscope_app.studies.tuning_map import CELLS, MapFrame, MapMaker, fleet_layer
+from kalscope_app.studies.tuning_map import MapFrame, compute_map, fleet_layer
 from kalscope_app.views.charts import DARK, LIGHT
 from kalscope_app.views.fleet import device_labels, fleet_rows, fleet_table
-from kalscope_app.views.map import SHARPNESS, draw_map_picture, picture_input
+from kalscope_app.views.map import SHARPNESS, draw_map_picture
 
 
 @pytest.fixture(scope="module")
@@ -50,29 +50,18 @@ def at(fleet, state, i):
 
 
 @pytest.mark.slow
-def test_a_fleet_opens_with_the_map_and_closes(fleet, state):
-    assert state.fleet.fleet is fleet
+def test_a_fleet_opens_with_the_map_and_a_device_at_its_own_filter(fleet, state):
     assert state.view.map_shown
     assert close_fleet(state).fleet is None
-
-
-@pytest.mark.slow
-def test_a_device_opens_at_its_own_filter_or_at_the_one_for_all(fleet, state):
     own = at(fleet, state, NOISY)
     assert (own.tuning.q, own.tuning.r) == (fleet.devices.q[NOISY], fleet.devices.r[NOISY])
     assert own.fleet is state.fleet
     assert own.recording.title == "dev03.csv"
-    assert "its own filter" in own.answers.note
-    shared = at(fleet, set_at_shared(True)(state), NOISY)
-    assert (shared.tuning.q, shared.tuning.r) == (fleet.shared.params.q, fleet.shared.params.r)
-    assert "the filter for all" in shared.answers.note
+    assert "its own filter" in own.note
 
-
-@pytest.mark.slow
-def test_a_device_without_q_and_r_says_why(fleet, state):
     empty = fleet.devices.ids.index("empty.csv")
     after = at_device(fleet, empty)(opened(open_source("demo"), state))
-    assert "no q and r" in after.answers.note
+    assert "no q and r" in after.note
     assert after.tuning == after.start
 
 
@@ -91,19 +80,13 @@ def test_undo_goes_back_to_the_recording_and_keeps_the_fleet(fleet, state):
     assert back.fleet.fleet is fleet
 
 
-def test_what_a_browser_cannot_choose_is_refused():
+def test_every_order_lists_devices_once_and_no_other_is_taken(fleet):
+    rows = {order: ranked(fleet).tolist() for order, ranked in ORDERS.items()}
+    assert all(len(set(one)) == len(one) > 0 for one in rows.values())
+    assert rows["largest r"][0] == NOISY
+    assert [fleet.devices.ids[i] for i in rows["without q and r"]] == ["empty.csv"]
     with pytest.raises(BadSetting):
         set_fleet_order("by heart")
-
-
-@pytest.mark.parametrize("order", ORDERS)
-def test_every_order_lists_devices_once(fleet, order):
-    rows = ORDERS[order](fleet).tolist()
-    assert len(set(rows)) == len(rows) > 0
-    if "largest r" in order:
-        assert rows[0] == NOISY
-    if order == "without q and r":
-        assert [fleet.devices.ids[i] for i in rows] == ["empty.csv"]
 
 
 @pytest.mark.slow
@@ -119,68 +102,50 @@ def test_a_text_to_find_is_one_short_line(state):
 RANGES = (-6, 2), (-4, 2)
 
 
-def fleet_of(q, r, odd=(), growth=None, verdicts=None, shared=(0.01, 1.0), names=None):
+def fleet_of(q, r, odd=(), growth=None, names=None):
     """A fleet with these arrays; `odd` are unlike the others."""
     n = len(q)
     unlike = np.zeros(n, dtype=bool)
     unlike[list(odd)] = True
-    devices = devices_with(names or [f"dev{i:06d}.csv" for i in range(n)], q, r, verdicts=verdicts or ["ok"] * n)
+    devices = devices_with(names or [f"dev{i:06d}.csv" for i in range(n)], q, r, verdicts=["ok"] * n)
     zeros = np.zeros(n)
     losses = Losses(zeros, zeros, zeros if growth is None else np.asarray(growth, float))
-    one = None if shared is None else Shared(FilterParams(*shared), (0.009, 0.011), "pooled", losses)
-    note = RunNote(ReadOptions(), None)
-    fleet = Fleet(Path("fleet"), devices, one, "", note)
+    shared = Shared(FilterParams(0.01, 1.0), (0.009, 0.011), "pooled", losses)
+    fleet = Fleet(Path("fleet"), devices, shared, "", RunNote(ReadOptions(), None))
     vars(fleet).update(distance=np.where(unlike, 9.0, 1.0), outlier=unlike)  # in place of those of the arrays
     return fleet
-
-
-def large(n=100_000):
-    g = np.random.default_rng(0)
-    return fleet_of(0.01 * np.exp(0.3 * g.normal(size=n)), np.exp(0.3 * g.normal(size=n)), odd=range(40))
 
 
 def test_a_small_fleet_is_points_at_their_q_and_r():
     fleet = fleet_of([0.1, np.nan, 1.0, 0.0], [1.0, 1.0, 0.01, 1.0])
     layer = fleet_layer(OpenFleet(fleet), *RANGES)
-    assert layer.density is None
     assert sorted(zip(layer.devices.tolist(), layer.points.tolist(), strict=True)) == [
         (0, [-1.0, 0.0]),
         (2, [0.0, -2.0]),
     ]
     assert layer.shared == pytest.approx((-2.0, 0.0))
-
-
-def test_a_large_fleet_is_a_density_with_its_outliers_as_points():
-    fleet = large()
-    layer = fleet_layer(OpenFleet(fleet), *RANGES)
-    assert sorted(layer.devices.tolist()) == list(range(40))
-    assert layer.density.shape == CELLS[::-1]
-    row, column = np.unravel_index(layer.density.argmax(), layer.density.shape)
-    fullest = -6 + (column + 0.5) / CELLS[0] * 8, -4 + (row + 0.5) / CELLS[1] * 6
-    assert fullest == pytest.approx((-2.0, 0.0), abs=0.15)
-    assert layer.density.max() == 1.0
-
-
-def test_a_click_takes_the_nearest_point_and_none_from_afar():
     frame = MapFrame(*RANGES)
-    layer = fleet_layer(OpenFleet(fleet_of([0.01, 1.0], [1.0, 1.0])), *RANGES)
-    x, y = frame.pixel((0.0, 0.0))
-    assert layer.nearest(frame, (x + 5, y - 5)) == 1
+    x, y = frame.pixel((0.0, -2.0))
+    assert layer.nearest(frame, (x + 5, y - 5)) == 2
     assert layer.nearest(frame, (x + 12, y)) is None
-    nothing = fleet_layer(OpenFleet(fleet_of([np.nan], [np.nan])), *RANGES)
-    assert nothing.nearest(frame, (x, y)) is None
 
 
-def map_of(fleet):
-    state = open_fleet(fleet)(opened(synthesize("random_walk", n=1000, seed=1)))
-    shown = MapMaker()(state)
-    return state, shown, MapFrame(shown.q, shown.r)
+def test_the_outliers_of_a_large_fleet_are_drawn_last_and_can_be_clicked():
+    q, r = np.exp(0.3 * np.random.default_rng(0).normal(size=(2, 100_000)))
+    layer = fleet_layer(OpenFleet(fleet_of(0.01 * q, r, odd=range(40))), *RANGES)
+    assert sorted(layer.devices[-40:].tolist()) == list(range(40))
+    frame = MapFrame(*RANGES)
+    for device, point in zip(layer.devices[-3:], layer.points[-3:], strict=True):
+        assert layer.nearest(frame, frame.pixel(point)) == device
 
 
 @pytest.mark.parametrize("dark", [False, True])
 def test_the_picture_has_a_point_in_its_colour_where_the_device_is(dark):
-    state, shown, frame = map_of(fleet_of([1e-4, 0.3], [0.1, 0.1], growth=[0.0, 0.5]))
-    picture = draw_map_picture(picture_input(state.with_view(dark=dark), shown, frame))
+    two = fleet_of([1e-4, 0.3], [0.1, 0.1], growth=[0.0, 0.5])
+    state = open_fleet(two)(opened(synthesize("random_walk", n=1000, seed=1)))
+    shown = compute_map(state, Cache())
+    frame = shown.frame
+    picture = draw_map_picture(state.with_view(dark=dark), shown)
     palette = DARK if dark else LIGHT
     for (q, r), kind in ((-4.0, -1.0), 0), ((np.log10(0.3), -1.0), 2):
         x, y = (round(SHARPNESS * at) for at in frame.pixel((q, r)))

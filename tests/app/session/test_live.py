@@ -7,28 +7,18 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from feed import Board
+from frames import frame_of
 from waiting import wait_until
 
 from kalscope import BadSetting, Recording, kalman_filter, starting_params
 from kalscope.filtering.classic import Chain, OneEuro
 from kalscope.tuning.tuning import ChannelTuning, Tuning
 from kalscope_app.engine.engine import Engine, Part
-from kalscope_app.engine.filter_runs import FilterRuns, choose_samples
-from kalscope_app.engine.frame import compute_frame
-from kalscope_app.session.changes import reset_parameters, set_board_channel, set_text, set_window, use_chain
-from kalscope_app.session.live_changes import (
-    MAX_STUDIED,
-    START_SAMPLES,
-    follow,
-    live_window,
-    opened_live,
-    refreshed,
-    set_span,
-    studied,
-)
+from kalscope_app.engine.filter_runs import FilterRuns
+from kalscope_app.session import changes
+from kalscope_app.session.changes import apply_options, live_window, opened_live, refreshed, set_span, set_text
 from kalscope_app.session.opening import opened
 from kalscope_app.session.session import Session, redo, undo
-from kalscope_app.session.share import apply_options
 from kalscope_app.session.state import ConnectionState
 
 
@@ -37,69 +27,59 @@ def board():
     return Board()
 
 
-def frame_of(state, runs=None):
-    drawn = choose_samples(state.recording, state.channel, live_window(state))
-    return compute_frame(state, 0, drawn, runs, connection=Board().state())
-
-
-def opened_board(board, title, tuning=None):
-    return refreshed(opened_live(board.id, title, tuning=tuning), board.snapshot())
+def opened_board(board, tuning=None):
+    return refreshed(opened_live(board.id, "x", tuning=tuning), board.snapshot())
 
 
 def grown(board, count, state):
     return refreshed(state, board.send(count).snapshot())
 
 
-def test_before_the_first_sample_the_screen_waits(board):
-    state = opened_board(board, "x")
-    assert np.isnan(state.recording.values).all()
-    frame = frame_of(state)
-    assert frame.status.word == "connected"
-    assert refreshed(state, board.snapshot()) is state
-
-
 def test_starting_values_are_measured_on_the_first_samples_and_then_stay(board):
-    state = opened_board(board.send(20), "x")
-    early = state.settings.starts
-    state = grown(board, START_SAMPLES - 20, state)
-    assert state.settings.starts != early
-    settled = state.settings.starts
+    state = opened_board(board)
+    assert np.isnan(state.recording.values).all()
+    assert refreshed(state, board.snapshot()) is state
+    state = grown(board, 20, state)
+    early = state.starts
+    state = grown(board, changes.START_SAMPLES - 20, state)
+    assert state.starts != early
+    settled = state.starts
     state = grown(board, 5000, state)
-    assert state.settings.starts == settled
-    assert reset_parameters(set_text("q", "7")(state)).settings.tunings == settled
-    head = board.values[:START_SAMPLES, 0]
-    assert state.settings.starts[0].r == pytest.approx(np.var(np.diff(head)) / 2, rel=0.05)
+    assert state.starts == settled
+    assert changes.reset_parameters(set_text("q", "7")(state)).tunings == settled
+    head = board.values[: changes.START_SAMPLES, 0]
+    assert state.starts[0].r == pytest.approx(np.var(np.diff(head)) / 2, rel=0.05)
 
 
 def test_a_topic_that_is_new_later_is_measured_by_itself_and_the_record_goes_on(board):
-    state = before = set_text("r", "9")(opened_board(board.send(500), "x"))
-    board.send(START_SAMPLES)
+    state = before = set_text("r", "9")(opened_board(board.send(500)))
+    board.send(changes.START_SAMPLES)
     late = np.where(np.arange(len(board.values)) < 500, np.nan, 10 * board.values[:, 0])
     board.names, board.values, board.generation = ("a", "b", "late"), np.column_stack([board.values, late]), 1
     state = refreshed(state, board.snapshot())
-    assert (len(state.recording), state.channel, state.tuning.r) == (500 + START_SAMPLES, "a", 9.0)
-    assert state.settings.starts[2].params == starting_params(late[500:])
-    assert state.settings.tunings[:2] == before.settings.tunings
+    assert (len(state.recording), state.channel, state.tuning.r) == (500 + changes.START_SAMPLES, "a", 9.0)
+    assert state.starts[2].params == starting_params(late[500:])
+    assert state.tunings[:2] == before.tunings
 
 
 def test_the_window_follows_until_the_person_looks_back(board):
-    state = set_span("1 s")(opened_board(board.send(1000), "x"))
+    state = set_span("1 s")(opened_board(board.send(1000)))
     assert live_window(state) == (pytest.approx(8.99), pytest.approx(9.99))
     state = grown(board, 100, state)
     assert live_window(state) == (pytest.approx(9.99), pytest.approx(10.99))
-    back = set_window(2.0, 4.0)(state)
+    back = changes.set_window(2.0, 4.0)(state)
     assert not back.live.following
     back = grown(board, 100, back)
     assert live_window(back) == (2.0, 4.0)
     assert len(back.recording) == 1200
-    again = refreshed(follow(back), board.snapshot())
+    again = refreshed(changes.follow(back), board.snapshot())
     assert again.live.following
     assert live_window(again) == (pytest.approx(10.99), pytest.approx(11.99))
 
 
 def test_the_filter_of_a_growing_record_equals_the_filter_of_the_whole(board):
-    opened = opened_board(board.send(200), "x")
-    chosen = [opened, *(use_chain(chain)(opened) for chain in (Chain(5), Chain(3, OneEuro(0.02, 0.7, 0.1))))]
+    opened, chains = opened_board(board.send(200)), (Chain(5), Chain(3, OneEuro(0.02, 0.7, 0.1)))
+    chosen = [opened, *(changes.use_chain(chain)(opened) for chain in chains)]
     runs = [FilterRuns() for _ in chosen]
     for count, first in ((1, 0), (50, 0), (3000, 0), (7, 0), (10, 1000)):
         board.first = first  # older samples leave memory: the filter goes on from what it knew
@@ -113,7 +93,7 @@ def test_the_filter_of_a_growing_record_equals_the_filter_of_the_whole(board):
 
 
 def test_undo_takes_back_the_tuning_and_leaves_the_samples(board):
-    session = Session(opened_board(board.send(500), "x"), board)
+    session = Session(opened_board(board.send(500)), board)
     before = session.apply_requests()[0].tuning.q
     for text in ("2", "3"):
         session.request(set_text("q", text))
@@ -129,34 +109,25 @@ def test_undo_takes_back_the_tuning_and_leaves_the_samples(board):
     assert not any(len(kept.recording) > 2 for kept in session._history.past)
 
 
-@pytest.mark.parametrize("back", [1, 2])
-def test_later_requests_of_the_turn_that_returns_to_a_board_see_its_samples(board, back):
-    session = Session(opened_board(board.send(500), "x"), board)
+def test_later_requests_of_the_turn_that_returns_to_a_board_see_its_samples(board):
+    session = Session(opened_board(board.send(500)), board)
     session.apply_requests()
     session.request(set_text("q", "7"))
     other = Recording(np.arange(50.0), ("z",), ("",), np.zeros((50, 1)), 1.0)
     session.request(lambda state: opened(other, state))
     session.apply_requests()
     seen = []
-    for _ in range(back):
-        session.request(undo)
-    session.with_state(seen.append)
-    session.request(redo if back == 2 else undo)
-    session.with_state(seen.append)
+    for change in (undo, undo, redo):
+        session.request(change)
+        session.with_state(seen.append)
     state, _, failures = session.apply_requests()
-    assert [len(at.recording) for at in (*seen, state)] == [500] * 3
-    assert (state.tuning.q == 7.0, failures) == (back == 2, [])
-
-
-def test_studies_of_a_board_look_at_its_newest_samples(board):
-    state = opened_board(board.send(MAX_STUDIED + 500), "x")
-    assert studied(state).recording.values[-1, 0] == board.values[-1, 0]
-    assert len(studied(state).recording) == MAX_STUDIED
+    assert [len(at.recording) for at in (*seen, state)] == [500] * 4
+    assert (state.tuning.q, failures) == (7.0, [])
 
 
 def test_the_boards_own_filter_is_drawn_and_compared():
     board = Board(("raw", "filtered"))
-    state = opened_board(board.send(300), "x")
+    state = opened_board(board.send(300))
     assert (state.channel, state.board) == ("raw", "filtered")
     state = set_span("all")(state)
     own = kalman_filter(board.values[:, 0], state.params).x
@@ -165,19 +136,19 @@ def test_the_boards_own_filter_is_drawn_and_compared():
     frame = frame_of(state)
     assert frame.board_difference == pytest.approx(0.25)
     np.testing.assert_array_equal(frame.board, board.values[:, 1][frame.drawn.indices])
-    assert frame_of(set_board_channel(None)(state)).board is None
+    assert frame_of(changes.set_board_channel(None)(state)).board is None
 
 
 @pytest.mark.slow
 def test_a_silent_board_is_drawn_again_only_when_its_status_changes(board, monkeypatch):
-    for name, seconds in (("SETTLING", 0.0), ("STATUS_INTERVAL", 0.0), ("SILENT_INTERVAL", 0.01)):
+    for name, seconds in (("SETTLING", 0.0), ("STATUS_INTERVAL", 0.0), ("LIVE_INTERVAL", 0.01)):
         monkeypatch.setattr(f"kalscope_app.engine.engine.{name}", seconds)
     frames, looks = [], board.looked_at
 
     def show(frame, parts):
         frames.extend([frame] if Part.SIGNAL in parts else [])
 
-    engine = Engine(Session(opened_board(board.send(500), "x"), board), show, pytest.fail)
+    engine = Engine(Session(opened_board(board.send(500)), board), show, pytest.fail)
     engine.start()
     try:
         wait_until(lambda: frames and len(looks) > 10, "ten turns of the engine")
@@ -194,20 +165,20 @@ def test_a_silent_board_is_drawn_again_only_when_its_status_changes(board, monke
 
 def test_what_the_command_line_asked_for_waits_until_the_channels_are_known(board):
     with pytest.raises(BadSetting):  # what no channel could have is refused at once
-        apply_options(opened_board(board, "x"), "b", None, q="-1")
-    state = apply_options(opened_board(board, "x"), "b", None, q="1", r="2", gate="9")
+        apply_options(opened_board(board), "b", None, q="-1")
+    state = apply_options(opened_board(board), "b", None, q="1", r="2", gate="9")
     assert state.recording.names == ("signal",)
     state = grown(board, 20, state)
     assert state.channel == "a"
     state = grown(board, 500, state)
     tuning = state.tuning
     assert (state.channel, tuning.q, tuning.r, tuning.gate) == ("b", 1.0, 2.0, 9.0)
-    assert state.settings.starts[1].r != 2.0
+    assert state.starts[1].r != 2.0
     assert grown(board, 500, set_text("q", "5")(state)).tuning.q == 5.0
 
 
 @pytest.mark.parametrize(("period", "q"), [(0.01, 3.0), (0.0102, 3.0), (0.02, 1.5)])
 def test_a_tuning_of_another_sample_rate_is_rescaled_but_not_for_a_measured_percent(board, period, q):
     tuning = Tuning(channels=(ChannelTuning("b", "", 3.0, 4.0, None, None, "by hand"),), sample_period=period)
-    state = grown(board, 500, opened_board(board, "x", tuning=tuning))
-    assert state.settings.tunings[1].q == pytest.approx(q)
+    state = grown(board, 500, opened_board(board, tuning=tuning))
+    assert state.tunings[1].q == pytest.approx(q)

@@ -7,29 +7,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from feed import Board
+from frames import frame_of
 
-from kalscope import BadSetting, FilterParams, Recording
+from kalscope import FilterParams, Recording
 from kalscope.estimation.request import FitResult
 from kalscope.papers.reproduction import list_experiments, open_experiment
-from kalscope_app.engine.filter_runs import choose_samples
-from kalscope_app.engine.frame import compute_frame
-from kalscope_app.session.changes import (
-    apply_found,
-    pin_present,
-    reset_parameters,
-    select_channel,
-    set_text,
-    use_kalman_filter,
-)
-from kalscope_app.session.live_changes import opened_live, refreshed
+from kalscope_app.session import changes
+from kalscope_app.session.changes import pin_present, refreshed, reset_parameters, select_channel, set_text
 from kalscope_app.session.opening import opened, opened_experiment
 from kalscope_app.session.session import History, record
 from kalscope_app.studies.checks import compute_checks
 from kalscope_app.views.tune import table
-
-
-def frame_of(state):
-    return compute_frame(state, 0, choose_samples(state.recording, state.channel, None))
 
 
 @pytest.mark.slow
@@ -40,7 +28,7 @@ def test_every_experiment_opens_at_the_settings_of_its_figure(name):
     frame = frame_of(state)
     expected = filters[state.channel].run(recording.channel(state.channel)).x
     assert np.array_equal(frame.filtered, expected[frame.drawn.indices], equal_nan=True)
-    assert reset_parameters(set_text("q", "7")(state)).settings.tunings == state.settings.tunings
+    assert reset_parameters(set_text("q", "7")(state)).tunings == state.tunings
     assert "gain K" in table(frame)
 
 
@@ -50,16 +38,11 @@ def test_the_second_papers_filter_has_its_gain_and_can_be_left():
     assert frame.steady.lag_samples == pytest.approx((1 - frame.steady.gain) / frame.steady.gain)
     assert "q / r" not in table(frame)
     assert compute_checks(state) is None
-    left = use_kalman_filter(state)
-    found = apply_found(state.recording, state.channel, FitResult(FilterParams(1.0, 2.0), "x", "y"))(state)
+    left = changes.use_kalman_filter(state)
+    found = changes.apply_found(state.recording, state.channel, FitResult(FilterParams(1.0, 2.0), "x", "y"))(state)
     assert left.filter.is_standard
     assert found.filter.is_standard
     assert len(record(History(), state, left, "", 0.0).past) == 1
-
-
-def test_an_unknown_experiment_is_refused():
-    with pytest.raises(BadSetting, match="experiment must be one of"):
-        opened_experiment("experiment:nothing")
 
 
 # --- what stays when another record is opened -----------------------------------------------------------
@@ -83,7 +66,7 @@ def tuned():
 
 
 def of_b(state):
-    return {tuning.name: tuning for tuning in state.settings.tunings}["b"]
+    return state.tunings[state.recording.index("b")]
 
 
 @pytest.mark.parametrize("title", ["first.csv", "second.csv", "sample:second", "synthetic:sine"])
@@ -91,33 +74,27 @@ def test_what_was_set_stays_for_the_same_name_and_unit(tuned, title):
     again = opened(recording(title, names=("c", "b")), tuned)
     assert of_b(again) == tuned.tuning
     assert (again.channel, again.variants) == ("b", tuned.variants)
-    assert again.settings.tunings[0] == again.settings.starts[0]
-    assert again.answers.note.endswith("Undo returns to the previous recording.")
-    assert of_b(reset_parameters(again)) == again.settings.starts[1]
+    assert again.tunings[0] == again.starts[0]
+    assert again.note.endswith("Undo returns to the previous recording.")
+    assert of_b(reset_parameters(again)) == again.starts[1]
 
 
 @pytest.mark.parametrize("other", [{"names": ("a", "c")}, {"units": ("", "V")}])
 def test_another_name_or_unit_is_another_channel(tuned, other):
     again = opened(recording("second.csv", **other), tuned)
-    assert again.settings.tunings == again.settings.starts
-    assert (again.answers.note, again.channel) == ("", "a")
+    assert again.tunings == again.starts
+    assert (again.note, again.channel) == ("", "a")
     assert not any(select_channel(name)(again).variants for name in again.recording.names)
-
-
-def fed(board, state, *counts):
-    for count in counts:
-        state = refreshed(state, board.send(count).snapshot())
-        yield state
 
 
 def test_from_a_file_to_a_board_and_to_its_recording(tuned):
     board = Board()
-    waiting = opened_live(board.id, "serial:x", tuned)
-    assert waiting.answers.note == ""  # its channels are not known yet
-    begun = list(fed(board, waiting, 20, 30, 500))
-    assert [of_b(state) for state in begun] == [tuned.tuning] * 3
-    assert {state.answers.note[:16] for state in begun} == {"Filters and pins"}
-    live = select_channel("b")(set_text("q", "0.5")(select_channel("b")(begun[-1])))
+    waiting = live = changes.opened_live(board.id, "serial:x", tuned)
+    assert waiting.note == ""  # its channels are not known yet
+    for count in (20, 30, 500):
+        live = refreshed(live, board.send(count).snapshot())
+        assert (of_b(live), live.note[:16]) == (tuned.tuning, "Filters and pins")
+    live = select_channel("b")(set_text("q", "0.5")(select_channel("b")(live)))
     assert live.variants == tuned.variants
     file = opened(replace(board.snapshot().recording, source="recording.csv"), live)
     assert (of_b(file), file.channel, file.variants) == (live.tuning, "b", tuned.variants)
@@ -128,5 +105,5 @@ def test_a_figure_of_a_document_keeps_its_own_settings():
     alone = opened_experiment(name)
     before = set_text("q", "7")(alone)
     figure = opened_experiment(name, before)
-    assert figure.settings.tunings == alone.settings.tunings == figure.settings.starts
-    assert figure.answers.note == ""
+    assert figure.tunings == alone.tunings == figure.starts
+    assert figure.note == ""

@@ -9,32 +9,18 @@ import pytest
 
 from kalscope import BadSetting, Recording, kalman_filter, steady_state
 from kalscope.papers.generalized import GeneralizedParams
-from kalscope_app.engine.filter_runs import FilterRuns, choose_samples
-from kalscope_app.session.changes import (
-    delete_variant,
-    pin_present,
-    select_channel,
-    set_dark,
-    set_text,
-    use_variant,
-)
+from kalscope_app.engine.filter_runs import Cache, FilterRuns, choose_samples
+from kalscope_app.session.changes import delete_variant, pin_present, select_channel, set_text, use_variant
 from kalscope_app.session.opening import opened
-from kalscope_app.session.state import DARK, LIGHT, MAX_VARIANTS
-from kalscope_app.studies.comparisons import VariantTable
-from kalscope_app.views.variants import EMPTY, table_text
+from kalscope_app.session.state import MAX_VARIANTS
+from kalscope_app.studies.comparisons import compute_variants
 
 
-def recording(n=400, truth=True):
+def recording(n=400):
     g = np.random.default_rng(3)
     signal = np.cumsum(g.normal(0, 0.1, (n, 2)), axis=0)
-    return Recording(
-        np.arange(n) * 0.01,
-        ("a", "b"),
-        ("V", "V"),
-        signal + g.normal(size=(n, 2)),
-        0.01,
-        truth=signal if truth else None,
-    )
+    z = signal + g.normal(size=(n, 2))
+    return Recording(np.arange(n) * 0.01, ("a", "b"), ("V", "V"), z, 0.01, truth=signal)
 
 
 @pytest.fixture
@@ -48,17 +34,9 @@ def pin(state, *values):
     return state
 
 
-def names(state):
-    return [variant.name for variant in state.variants]
-
-
 def test_letters_and_colours_that_were_freed_come_again(state):
-    three = pin(state, 1, 2, 3)
-    assert names(three) == ["A", "B", "C"]
-    without = delete_variant("B")(three)
-    again = pin(without, 4)
-    assert names(again) == ["A", "C", "B"]
-    assert [variant.number for variant in again.variants] == [0, 2, 1]
+    again = pin(delete_variant("B")(pin(state, 1, 2, 3)), 4)
+    assert [(one.name, one.number) for one in again.variants] == [("A", 0), ("C", 2), ("B", 1)]
     assert again.variants[-1].tuning.q == 4
 
 
@@ -67,7 +45,7 @@ def test_no_more_than_can_be_told_apart_are_pinned_and_that_is_said(state):
     assert len({variant.number for variant in full.variants}) == MAX_VARIANTS
     with pytest.raises(BadSetting, match="at most 8 pinned settings: delete one first"):
         pin(full, 99)
-    assert names(pin(select_channel("b")(full), 1)) == ["A"]  # the limit is one of each channel
+    assert pin(select_channel("b")(full), 1).variants[0].name == "A"  # the limit is one of each channel
 
 
 def test_using_a_variant_brings_all_of_its_setting(state):
@@ -106,7 +84,7 @@ def test_curves_are_the_filter_at_the_drawn_samples_and_are_computed_once(state)
 
 def test_the_table_holds_what_each_setting_does(state):
     tuned = pin(state, 1, 2)
-    table = VariantTable().compute(set_text("q", "0.5")(tuned))
+    table = compute_variants(set_text("q", "0.5")(tuned), Cache())
     assert [row.variant for row in table.rows] == [None, *tuned.variants]
     for row, q in zip(table.rows, (0.5, 1, 2), strict=True):
         result = kalman_filter(tuned.recording.channel("a"), row.tuning.params)
@@ -115,14 +93,3 @@ def test_the_table_holds_what_each_setting_does(state):
         assert row.measures.rmse == pytest.approx(np.sqrt(np.mean(error**2)), rel=1e-12)
         assert row.measures.fit.loglik == result.loglik
         assert row.measures.steady == steady_state(row.tuning.params, 0.01)
-
-
-def test_the_table_marks_the_best(state):
-    tuned = pin(state, 0.01, 100)
-    text = table_text(VariantTable().compute(tuned))
-    assert text.count("\n| ") == 1 + 2  # the present setting and two variants, no cell broken by the bar
-    assert LIGHT[0] in text
-    assert DARK[0] in table_text(VariantTable().compute(set_dark(True)(tuned)))
-    best = max(VariantTable().compute(tuned).rows, key=lambda row: row.measures.fit.loglik)
-    assert best.tuning.q == 0.01
-    assert table_text(VariantTable().compute(state)) == EMPTY

@@ -32,14 +32,10 @@ class Board:
         self.used = {"q": np.float32(1.0), "r": np.float32(1.0), "p": np.float32(np.inf)}
         if momentum is not None:
             self.used["t"] = np.float32(momentum)
-        self.says, self.asked = says or {}, []
+        self.says, self.asked, self.commands = says or {}, [], self
 
     def snapshot(self):
         return None
-
-    @property
-    def commands(self):
-        return self
 
     def send(self, line, is_reply, **_):
         self.asked.append(line)
@@ -76,60 +72,46 @@ def test_fused_sensors_cannot_be_sent_to_a_running_board_and_the_folder_says_so(
         send_setting(fused, board)
     assert board.asked == []
     view = BoardView(gui := MagicMock(), MagicMock(), MagicMock(), MagicMock(), MagicMock())
-    button, how = gui.add_button.return_value, view._how
-    for shown, words in (
-        (fused, "takes no values while it runs"),
-        (state, "Its filter restarts with"),
-    ):
+    for shown, words in (fused, "takes no values while it runs"), (state, "Its filter restarts with"):
         view.show(SimpleNamespace(state=shown))
-        assert (button.visible, words in how.content) == (shown is state, True)
+        assert (gui.add_button.return_value.visible, words in view._how.content) == (shown is state, True)
 
 
 MEDIAN_ANSWER = "# light q=0 r=0 p=0 m=5 bits=3F800000,3F800000,7F800000"
 
 
+CLASSIC = "sketch of a classic filter takes no values while it runs: export"
+NOT_KALMAN = "filter of light on this board is not Kalman's"
+ANOTHER_MEDIAN = r"5 samples, which no command changes \(got 3\)"
+NO_MOMENTUM = "momentum must be 0 for this board, whose sketch was exported without it"
+
+
 @pytest.mark.parametrize(
-    ("chain", "answer", "words"),
+    ("tuned", "answers", "words"),
     [
-        (
-            Chain(then=Exponential(0.125)),
-            "",
-            "sketch of a classic filter takes no values while it runs: export",
-        ),
-        (None, "# light takes no values while it runs: …", "filter of light on this board is not Kalman's"),
-        (Chain(3), MEDIAN_ANSWER, r"5 samples, which no command changes \(got 3\)"),
+        ({"chain": Chain(then=Exponential(0.125))}, None, CLASSIC),
+        ({}, {"?": "# light takes no values while it runs: …"}, NOT_KALMAN),
+        ({"chain": Chain(3)}, {"?": MEDIAN_ANSWER}, ANOTHER_MEDIAN),
+        ({"momentum": 20.0}, {}, NO_MOMENTUM),
     ],
 )
-def test_another_filter_than_the_boards_is_not_sent_and_the_board_left_as_it_is(state, chain, answer, words):
-    board = Board({"?": answer})
+def test_another_filter_than_the_boards_is_not_sent_and_the_board_left_as_it_is(state, tuned, answers, words):
+    board = Board(answers)
     with pytest.raises(BadSetting, match=words):
-        send_setting(state.with_tuning(chain=chain), board)
-    assert board.asked == (["?"] if answer else [])
+        send_setting(state.with_tuning(**tuned), board)
+    assert board.asked == ([] if answers is None else ["?"])
 
 
-def test_what_the_board_says_it_uses_is_what_counts(state):
-    board = Board()
-    sent = send_setting(state, board)
-    assert [line.split()[0] for line in board.asked] == ["?", "q", "r", "p"]
-    assert (sent.params.q, sent.params.r) == (np.float32(0.037), np.float32(11.3))
-    assert sent.asked == state.params
-
-
-@pytest.mark.parametrize(("momentum", "before"), [(20.0, 3.0), (0.0, 3.0), (20.0, 0.0)])
-def test_a_momentum_is_sent_to_a_sketch_that_knows_it(state, momentum, before):
+@pytest.mark.parametrize(("momentum", "before"), [(0.0, None), (20.0, 3.0), (0.0, 3.0), (20.0, 0.0)])
+def test_what_the_board_says_it_uses_is_what_counts(state, momentum, before):
     board = Board(momentum=before)
     state = state.with_tuning(momentum=momentum)
     sent = send_setting(state, board)
-    assert [line.split()[0] for line in board.asked] == ["?", "q", "r", "t", "p"]
+    asked = ["?", "q", "r", "p"] if before is None else ["?", "q", "r", "t", "p"]
+    assert [line.split()[0] for line in board.asked] == asked
+    assert (sent.params.q, sent.params.r, sent.asked) == (np.float32(0.037), np.float32(11.3), state.params)
     assert sent.params.momentum == momentum_on_board(board.used["q"], np.float32(momentum))
     assert f"p0 = inf{f', momentum = {momentum:g}' if momentum else ''}" in values(sent) + "\n"
-
-
-def test_a_sketch_without_momentum_is_left_as_it_is_and_named(state):
-    board = Board()
-    with pytest.raises(BadSetting, match="momentum must be 0 for this board, whose sketch was exported without it"):
-        send_setting(state.with_tuning(momentum=20.0), board)
-    assert board.asked == ["?"]
 
 
 @pytest.mark.parametrize("answer", ["# not understood; q VALUE", "# hello"])

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
 
 from kalscope import FilterParams, Recording, estimate, log_likelihood, steady_state, synthesize
-from kalscope_app.session.changes import set_automatic_start, set_exponent, set_momentum_text, set_point, set_window
+from kalscope_app.engine.filter_runs import Cache
+from kalscope_app.session.changes import set_exponent, set_point, set_text, set_window
 from kalscope_app.session.opening import opened
-from kalscope_app.studies.tuning_map import TUNING_MAP_CELLS, MapFrame, MapMaker, cell_exponents, lag_lines
+from kalscope_app.studies.tuning_map import TUNING_MAP_CELLS, MapFrame, cell_exponents, compute_map, lag_lines
 
 
 def walk(n=5000, q=0.02, r=1.0, seed=0, scale=1.0, period=0.01):
@@ -20,26 +23,22 @@ def walk(n=5000, q=0.02, r=1.0, seed=0, scale=1.0, period=0.01):
     return Recording(np.arange(n) * period, ("a",), ("V",), z[:, None], period)
 
 
-def known(**options):
-    return synthesize("random_walk", n=3000, seed=1, **options)
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("scale", [1e-9, 1.0, 1e9])
 @pytest.mark.parametrize(("n", "q"), [(300, 0.05), (5000, 0.001), (20_000, 4.0)])
 def test_the_brightest_cell_is_that_of_the_estimate(n, q, scale):
     state = opened(walk(n, q, scale=scale))
-    shown = MapMaker()(state)
+    shown = compute_map(state, Cache())
     best = estimate(state.recording.channel("a"))
     at = np.unravel_index(np.argmax(shown.shade), shown.shade.shape)
-    cell = [(ends[1] - ends[0]) / TUNING_MAP_CELLS for ends in (shown.q, shown.r)]
-    assert cell_exponents(shown.q)[at[1]] == pytest.approx(math.log10(best.q), abs=cell[0])
-    assert cell_exponents(shown.r)[at[0]] == pytest.approx(math.log10(best.r), abs=cell[1])
+    cell = [(ends[1] - ends[0]) / TUNING_MAP_CELLS for ends in (shown.frame.q, shown.frame.r)]
+    assert cell_exponents(shown.frame.q)[at[1]] == pytest.approx(math.log10(best.q), abs=cell[0])
+    assert cell_exponents(shown.frame.r)[at[0]] == pytest.approx(math.log10(best.r), abs=cell[1])
     assert shown.optimum == pytest.approx((math.log10(best.q), math.log10(best.r)))
 
 
 def test_moving_q_r_or_the_window_gives_the_same_map_without_work():
-    make, state = MapMaker(), opened(walk())
+    make, state = partial(compute_map, kept=Cache()), opened(walk())
     shown = make(state)
     for change in (set_exponent("q", -1.0), set_exponent("r", 0.5), set_window(1.0, 5.0), set_point(-2.0, 0.2)):
         state = change(state)
@@ -48,54 +47,47 @@ def test_moving_q_r_or_the_window_gives_the_same_map_without_work():
 
 
 def test_the_map_widens_for_a_point_outside_and_not_for_one_at_its_edge():
-    make, state = MapMaker(), opened(walk())
-    low, high = make(state).q
-    assert make(set_point(float(low), 0.0)(state)).q == (low, high)
-    assert make(set_point(float(high), 0.0)(state)).q == (low, high)
-    assert make(set_point(low - 0.5, 0.0)(state)).q == (low - 1, high)
+    make, state = partial(compute_map, kept=Cache()), opened(walk())
+    low, high = make(state).frame.q
+    assert make(set_point(float(low), 0.0)(state)).frame.q == (low, high)
+    assert make(set_point(float(high), 0.0)(state)).frame.q == (low, high)
+    assert make(set_point(low - 0.5, 0.0)(state)).frame.q == (low - 1, high)
 
 
 def test_what_the_map_leaves_out_is_said():
     state = opened(walk())
-    assert MapMaker()(state).note == ""
-    assert "initial variance p0" in MapMaker()(set_automatic_start(False)(state)).note
-    assert "outlier gate" in MapMaker()(state.with_tuning(gate=9.0)).note
+    assert compute_map(state, Cache()).note == ""
+    gated = set_text("p0", "1")(state.with_tuning(gate=9.0))
+    assert re.fullmatch(r"Drawn without .*initial variance p0 and outlier gate\.", compute_map(gated, Cache()).note)
 
 
 def test_the_map_of_a_record_with_spikes_is_that_of_the_fit_without_them():
     state = opened(walk(3000, 0.05))
     values = state.recording.values.copy()
     values[100::100] += 50.0
-    shown = MapMaker()(opened(replace(state.recording, values=values)))
+    shown = compute_map(opened(replace(state.recording, values=values)), Cache())
     best = estimate(values[:, 0])
     assert best.outliers.sum() == 29
     at = np.unravel_index(np.argmax(shown.shade), shown.shade.shape)
-    cell = (shown.r[1] - shown.r[0]) / TUNING_MAP_CELLS
-    assert cell_exponents(shown.r)[at[0]] == pytest.approx(math.log10(best.r), abs=cell)
+    cell = (shown.frame.r[1] - shown.frame.r[0]) / TUNING_MAP_CELLS
+    assert cell_exponents(shown.frame.r)[at[0]] == pytest.approx(math.log10(best.r), abs=cell)
     assert "Spikes (29) count as missing." in shown.note
 
 
-@pytest.mark.parametrize(
-    ("asked", "q", "r"),
-    [
-        ((-2.0, 1.0), 0.01, 10.0),
-        ((-2.123456, 0.0), 0.00753, 1.0),
-        ((-999.0, 999.0), 1e-300, 7.94e299),
-    ],
-)
-def test_a_point_becomes_q_and_r_at_three_digits_within_what_a_filter_takes(asked, q, r):
-    state = set_point(*asked)(opened(walk()))
-    assert (state.tuning.q, state.tuning.r, state.tuning.how) == (q, r, "by hand")
+def test_a_point_becomes_q_and_r_at_three_digits_within_what_a_filter_takes():
+    for asked, q, r in ((-2.123456, 1.0), 0.00753, 10.0), ((-999.0, 999.0), 1e-300, 7.94e299):
+        state = set_point(*asked)(opened(walk()))
+        assert (state.tuning.q, state.tuning.r, state.tuning.how) == (q, r, "by hand")
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("momentum", [0.0, 7.0, 300.0])
 def test_each_cell_is_the_likelihood_of_its_pair_at_the_present_momentum(momentum):
-    state = set_momentum_text("momentum", str(momentum))(opened(known()))
-    found, shown = estimate(state.z, momentum=momentum), MapMaker()(state)
+    state = set_text("momentum", str(momentum))(opened(synthesize("random_walk", n=3000, seed=1)))
+    found, shown = estimate(state.z, momentum=momentum), compute_map(state, Cache())
     assert shown.optimum == pytest.approx((math.log10(found.q), math.log10(found.r)))
     for row, column in np.random.default_rng(1).integers(0, TUNING_MAP_CELLS, (12, 2)):
-        q, r = 10 ** cell_exponents(shown.q)[column], 10 ** cell_exponents(shown.r)[row]
+        q, r = 10 ** cell_exponents(shown.frame.q)[column], 10 ** cell_exponents(shown.frame.r)[row]
         expected = log_likelihood(state.z, FilterParams(q=q, r=r, momentum=momentum))
         assert shown.values[row, column] == pytest.approx(expected, rel=5e-3, abs=0.1)
 
@@ -103,19 +95,10 @@ def test_each_cell_is_the_likelihood_of_its_pair_at_the_present_momentum(momentu
 FRAME = MapFrame((-6, 2), (-4, 2))
 
 
-@pytest.mark.parametrize(
-    ("point", "corner"),
-    [
-        ((-6, -4), ("left", "bottom")),
-        ((2, -4), ("right", "bottom")),
-        ((-6, 2), ("left", "top")),
-        ((2, 2), ("right", "top")),
-    ],
-)
-def test_the_corners_are_the_ends_of_the_ranges_and_r_goes_up(point, corner):
-    x, y = FRAME.pixel(point)
-    assert (x, y) == pytest.approx((getattr(FRAME, corner[0]), getattr(FRAME, corner[1])))
-    assert FRAME.top < FRAME.bottom
+def test_the_corners_are_the_ends_of_the_ranges_and_r_goes_up():
+    assert FRAME.pixel((-6, -4)) == pytest.approx((FRAME.left, FRAME.bottom))
+    assert FRAME.pixel((2, 2)) == pytest.approx((FRAME.right, FRAME.top))
+    assert FRAME.point(FRAME.pixel((-1.5, 0.3))) == pytest.approx((-1.5, 0.3))
 
 
 @pytest.mark.parametrize(

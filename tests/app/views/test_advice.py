@@ -5,20 +5,21 @@ from __future__ import annotations
 import typing
 from dataclasses import replace
 from types import SimpleNamespace
+from unittest.mock import MagicMock
 
 import numpy as np
 import pytest
 
-from kalscope import Recording, estimate
+from kalscope import Recording, estimate, open_source, steady_state
 from kalscope.analysis import actions
 from kalscope.analysis.findings import Finding
 from kalscope.analysis.judge import Judgement
-from kalscope.estimation.request import FitResult, Noise, Request
+from kalscope.estimation.request import FitResult, Noise, Request, find_parameters
+from kalscope_app.engine.filter_runs import Cache
 from kalscope_app.session.changes import apply_found
 from kalscope_app.session.opening import opened
 from kalscope_app.session.session import Session, undo
-from kalscope_app.studies import checks as still_stretch
-from kalscope_app.studies.checks import StillStretches, compute_checks
+from kalscope_app.studies.checks import compute_checks, still_stretch
 from kalscope_app.views.checks import COLOURS, UNJUDGED, VerdictView, label_of, take
 from kalscope_app.views.goal import SEARCH_METHODS
 
@@ -29,6 +30,7 @@ EXAMPLES = {
     actions.SetGate(4.0): "Switch the gate on (4 σ)",
     actions.SetGate(None): "Switch the gate off",
     actions.EstimateAgain(): "Fit again",
+    actions.AddMomentum(9.0): "Add momentum at this lag",
     actions.SetSpikesAside(): "Set the spikes aside and fit again",
     actions.UseStillStretch(100, 301): "Use the still stretch 1 to 3 s",
     actions.GiveNoise(): "Give the noise of the sensor",
@@ -45,14 +47,11 @@ def state():
     return given.with_tuning(q=2.0, r=5.0, p0=3.0, x0=9.0)
 
 
-class Searches:
-    """In place of the view that searches: notes what it is asked for."""
-
-    def __init__(self, state):
-        self.state, self.requests = state, []
-
-    def search(self, request):
-        self.requests.append(request(self.state))
+def taken(action, state, session=None):
+    """The state after a piece of advice about `state` was taken, and the searches that it asked for."""
+    session, requests = session or Session(state), []
+    take(action, state, session, lambda request: requests.append(request(session.apply_requests()[0])))
+    return session.apply_requests()[0], requests
 
 
 def test_every_action_has_its_words(state):
@@ -68,47 +67,48 @@ def test_every_action_has_its_words(state):
 )
 def test_a_button_changes_something_in_one_step_that_undo_takes_back(state, action):
     given = state.with_tuning(gate=9.0) if action == actions.SetGate(None) else state
-    session, searches = Session(given), Searches(given)
-    take(action, given, session, searches)
-    after = session.apply_requests()[0]
-    if searches.requests:
+    session = Session(given)
+    after, requests = taken(action, given, session)
+    if requests:
         assert after is given
-        assert isinstance(searches.requests[0], Request)
+        assert isinstance(requests[0], Request)
         return
     assert (after.settings, after.view) != (given.settings, given.view)
-    take(action, given, session, searches)  # a second click on the same advice does no more
-    assert session.apply_requests()[0].settings == after.settings
+    assert taken(action, given, session)[0].settings == after.settings  # a second click does no more
     session.request(undo)
     undone = session.apply_requests()[0]
     assert undone.settings == given.settings
-    assert undone.answers.note != "There is nothing to undo." or after.view.search_method in SEARCH_METHODS
+    assert undone.note != "There is nothing to undo." or after.view.search_method in SEARCH_METHODS
 
 
 def test_the_values_are_those_of_the_advice(state):
-    def tuned(action):
-        session = Session(state)
-        take(action, state, session, Searches(state))
-        return session.apply_requests()[0].tuning
-
-    scaled = tuned(actions.Scale(10.0, 0.5))
+    scaled = taken(actions.Scale(10.0, 0.5), state)[0].tuning
     assert (scaled.q, scaled.r, scaled.how) == (20.0, 2.5, "by hand")
-    assert tuned(actions.SetGate(4.0)).gate == 16.0
-    assert (tuned(actions.UnsetStart()).p0, tuned(actions.UnsetStart()).x0) == (None, None)
+    assert taken(actions.SetGate(4.0), state)[0].tuning.gate == 16.0
+    start = taken(actions.UnsetStart(), state)[0].tuning
+    assert (start.p0, start.x0) == (None, None)
+    (request,) = taken(actions.UseStillStretch(100, 301), state)[1]
+    assert request.noise == Noise(still=(100, 301))
 
 
 def test_advice_on_another_recording_is_not_taken(state):
     other = opened(Recording(np.arange(50.0), ("b",), ("",), np.ones((50, 1)), 1.0))
-    session, searches = Session(other), Searches(other)
-    for action in (actions.Scale(2.0, 2.0), actions.EstimateAgain()):
-        take(action, state, session, searches)
-    assert session.apply_requests()[0] is other
-    assert searches.requests == [None]
+    for action, requests in ((actions.Scale(2.0, 2.0), []), (actions.EstimateAgain(), [None])):
+        assert taken(action, state, Session(other)) == (other, requests)
 
 
-def test_the_still_stretch_is_searched_with(state):
-    searches = Searches(state)
-    take(actions.UseStillStretch(100, 301), state, Session(state), searches)
-    assert searches.requests[0].noise == Noise(still=(100, 301))
+def test_momentum_is_advised_where_it_helps_and_added_at_the_lag_on_screen():
+    demo = opened(open_source("demo"))
+    assert not any(isinstance(one.action, actions.AddMomentum) for one in compute_checks(demo).judgement.findings)
+    off = demo.with_tuning(momentum=0.0, q=300.0)
+    advice = compute_checks(off).urgent.findings[0]
+    assert advice.text.startswith("with momentum the errors at the same lag would be")
+    (request,) = taken(advice.action, off)[1]
+    found = find_parameters(off.z, request, sample_period=0.02)
+    assert found.params.momentum == pytest.approx(demo.tuning.momentum)
+    assert steady_state(found.params).lag_samples == pytest.approx(steady_state(off.params).lag_samples)
+    far = demo.with_tuning(momentum=0.0, q=10.0)  # at this lag momentum would go too far at every turn
+    assert not any(isinstance(one.action, actions.AddMomentum) for one in compute_checks(far).urgent.findings)
 
 
 def test_after_a_search_without_a_pair_the_panel_says_what_else_gives_one(state):
@@ -125,49 +125,22 @@ def test_after_a_search_without_a_pair_the_panel_says_what_else_gives_one(state)
     assert compute_checks(failed.with_tuning(q=7.0)).search is None  # the user has gone on
 
 
-def test_the_still_stretch_is_found_once_for_a_recording(monkeypatch):
-    g = np.random.default_rng(3)
-    z = np.where(np.arange(1200) < 600, np.cumsum(g.normal(0, 50, 1200)), 0.0) + g.normal(0, 1, 1200)
-    state = opened(Recording(np.arange(1200.0), ("a",), ("",), z[:, None], 1.0))
-    stretches, asked = StillStretches(), []
-    monkeypatch.setattr(still_stretch, "find_still_stretch", lambda *z: asked.append(z) or (600, 1200))
-    assert stretches.study(state) == (state, (600, 1200))
-    assert stretches.of(state.with_tuning(q=3.0)) == (600, 1200)
+def test_the_still_stretch_is_found_once_for_a_recording(state, monkeypatch):
+    kept, asked = Cache(), []
+    monkeypatch.setattr("kalscope_app.studies.checks.find_still_stretch", lambda *z: asked.append(z) or (6, 12))
+    for q in (2.0, 3.0):
+        assert still_stretch(state.with_tuning(q=q), kept) == (6, 12)
     assert len(asked) == 1
 
 
-class Widgets:
-    """In place of viser: every widget is an object that keeps what it is given."""
-
-    def __getattr__(self, _name):
-        def add(*_args, **values):
-            return Widget(**values)
-
-        return add
-
-
-class Widget:
-    def __init__(self, **values):
-        self.__dict__.update(content="", label="", visible=values.get("visible", True))
-
-    def __enter__(self):
-        return self
-
-    def __exit__(self, *_):
-        return None
-
-    def on_click(self, callback):
-        self.clicked = callback
-
-
 def test_the_header_shows_one_word_the_headline_and_a_button_for_what_can_be_done(state):
-    session = Session(state)
-    view, checks = VerdictView(Widgets(), session), compute_checks(state)
-    view.build_reasons(Widgets())
-    advice = (
-        Finding("spikes", "spikes: 3", actions.SetGate(4.0)),
-        Finding("too_few", "too few", actions.RecordLonger()),
-    )
+    gui, checks = MagicMock(), compute_checks(state)
+    for add in (gui.add_markdown, gui.add_button):
+        add.side_effect = lambda *_args, **_values: SimpleNamespace(on_click=MagicMock(), visible=False)
+    view = VerdictView(gui, Session(state))
+    view.build_reasons(gui)
+    gate, longer = actions.SetGate(4.0), actions.RecordLonger()
+    advice = Finding("spikes", "spikes: 3", gate), Finding("too_few", "too few", longer)
     bad = Judgement(status="spikes", headline="Spikes mislead the fit.", findings=advice, word="spikes", tone="bad")
     view.show_checks(replace(checks, judgement=bad))
     assert (view._word.label, view._word.color) == ("spikes", COLOURS["bad"])
@@ -176,23 +149,9 @@ def test_the_header_shows_one_word_the_headline_and_a_button_for_what_can_be_don
     assert (first._text.content, first._button.label) == ("Spikes: 3.", "Switch the gate on (4 σ)")
     assert [row._text.visible for row in (first, second)] == [True, True]
     assert [row._button.visible for row in (first, second)] == [True, False]
-    view.show_checks(
-        replace(checks, judgement=Judgement(status="fits", headline="It fits.", word="fits", tone="good"))
-    )
+    good = Judgement(status="fits", headline="It fits.", word="fits", tone="good")
+    view.show_checks(replace(checks, judgement=good))
     assert (view._word.label, view._word.color) == ("fits", COLOURS["good"])
     assert not any(row._text.visible or row._button.visible for row in (first, second))
     view.show_checks(None)
     assert (view._word.label, view._headline.content) == ("no verdict", UNJUDGED)
-
-
-def test_a_click_on_the_word_shows_the_reasons_and_another_hides_them(state):
-    session = Session(state)
-    view = VerdictView(Widgets(), session)
-    view.build_reasons(Widgets())
-    for shown in (True, False):
-        with pytest.raises(StopIteration):  # it ends at once, without an event loop
-            view._word.clicked(SimpleNamespace(client=object())).send(None)
-        state, _, failures = session.apply_requests()
-        assert (state.view.why_shown, failures) == (shown, [])
-        view.show(SimpleNamespace(state=state))
-        assert view._why.visible is shown

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from kalscope_app.engine.filter_runs import choose_indices
-from kalscope_app.views.charts import Scale, drawable, range_text, scale_for, time_scale_for
+from kalscope_app.views.charts import drawable, range_text, scale_for, time_scale_for
 
 NAN, INF = math.nan, math.inf
 
@@ -16,7 +16,6 @@ NAN, INF = math.nan, math.inf
 @pytest.mark.parametrize(
     ("y", "drawn"),
     [
-        ([1, 2, 3], [1, 2, 3]),
         ([NAN, 2, 3], [2, 2, 3]),
         ([1, NAN, 3], [1, 1, 3]),
         ([1, 2, NAN], [1, 2, 2]),
@@ -45,8 +44,7 @@ def test_indices_are_few_ascending_and_inside(missing):
     at = choose_indices(z, limit=1000)
     assert len(at) <= 1000
     assert (np.diff(at) > 0).all()
-    assert at[0] >= 0
-    assert at[-1] < len(z)
+    assert 0 <= at[0] <= at[-1] < len(z)
 
 
 @pytest.mark.parametrize(
@@ -54,12 +52,10 @@ def test_indices_are_few_ascending_and_inside(missing):
     [
         (3.3, "V", 1.0, "V"),
         (0.012, "V", 1e3, "mV"),
-        (4e-6, "V", 1e6, "µV"),
         (2e5, "Pa", 1e-3, "kPa"),
         (2e-6, "counts", 1e6, "1e-6 counts"),
         (5e-5, "", 1e6, "1e-6"),
         (0.3, "V", 1e3, "mV"),
-        (0.3, "", 1.0, ""),
         (0.04, "", 1e3, "1e-3"),
         (0.0, "V", 1.0, "V"),
         (1e-300, "V", 1e300, "1e-300 V"),
@@ -77,10 +73,8 @@ def test_small_and_large_signals_are_brought_to_readable_numbers(largest, unit, 
     [
         (0.5, 1e-3, "s"),
         (0.03, 1e-3, "ms"),
-        (10.0, 0.01, "s"),
         (300.0, 0.01, "min"),
         (86400.0, 60.0, "h"),
-        (1e6, 60.0, "days"),
         (3e9, 3e7, "years"),
         (1e-9, 1e-12, "ms"),
         (100.0, None, "samples"),
@@ -96,9 +90,7 @@ def test_time_is_shown_in_the_unit_that_suits_it(span, period, unit):
         (-0.000446, 4.5501, "0 to 4.55"),
         (0.007, 4.9851, "0.007 to 4.99"),
         (0.0, 35.6123, "0 to 35.6"),
-        (0.0, 189.0, "0 to 189"),
         (22.2221, 22.2263, "22.2221 to 22.2263"),
-        (-32.768, 32.76, "−32.8 to 32.8"),
         (0.0, 0.0390625, "0 to 0.0391"),
         (1_234_567.0, 1_234_568.0, "1.234567e6 to 1.234568e6"),
         (5.0, 5.0, "5 to 5"),
@@ -108,6 +100,3 @@ def test_time_is_shown_in_the_unit_that_suits_it(span, period, unit):
 )
 def test_the_ends_of_the_view_are_told_apart_and_no_longer_than_that(first, last, text):
     assert range_text(first, last) == text
-
-
-V, MV = Scale(1.0, "V"), Scale(1e3, "mV")

@@ -5,14 +5,11 @@ Texts of the page itself are judged in the browser: `test_accessibility.py`.
 
 from __future__ import annotations
 
-import dataclasses
-
 import numpy as np
 import pytest
 
 from kalscope_app.session import state
-from kalscope_app.views.chart_tabs import COLOURS
-from kalscope_app.views.charts import DARK, LIGHT, SENSORS
+from kalscope_app.views.charts import DARK, LIGHT
 
 PAPER = {False: "#ffffff", True: "#242424"}
 """Behind the charts, light and dark: Mantine's white and dark 7."""
@@ -44,10 +41,10 @@ def test_the_contrast_is_that_of_wcag():
 
 @pytest.mark.parametrize("dark", [False, True], ids=["light", "dark"])
 def test_every_line_of_a_chart_stands_out(dark):
-    palette = dataclasses.asdict(DARK if dark else LIGHT)
-    pictures = ("paper", "ink", "quiet", "best", "density")
-    lines = [colour for name, colour in palette.items() if name not in pictures and str(colour).startswith("#")]
-    lines += [*SENSORS[dark], *COLOURS[dark], *(state.DARK if dark else state.LIGHT)]
+    palette = DARK if dark else LIGHT
+    pictures = ("paper", "ink", "quiet", "best")
+    lines = [one for name, one in vars(palette).items() if name not in pictures and str(one).startswith("#")]
+    lines += [*palette.sensors, *palette.alternatives, *(state.DARK if dark else state.LIGHT)]
     assert len(lines) > 25
     assert [colour for colour in lines if contrast(colour, PAPER[dark]) < GRAPHICS] == []
 
@@ -63,7 +60,8 @@ def test_a_deuteranope_can_tell_the_first_sensors_and_the_fused_line(dark):
     # Machado, Oliveira and Fernandes (2009): what a deuteranope sees, in linear RGB; then distances in CIELAB.
     sees = np.array([[0.3673, 0.8606, -0.2280], [0.2801, 0.6725, 0.0474], [-0.0118, 0.0429, 0.9689]])
     to_xyz = np.array([[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0.0193, 0.1192, 0.9505]])
-    colours = [(DARK if dark else LIGHT).filtered, *SENSORS[dark][:3]]
+    palette = DARK if dark else LIGHT
+    colours = [palette.filtered, *palette.sensors[:3]]
     x, y, z = np.cbrt(to_xyz @ (sees @ np.array([linear(one) for one in colours]).T).clip(1e-3, 1.0))
     lab = np.stack([116 * y, 500 * (x / 0.983 - y), 200 * (y - z / 1.029)], axis=1)
     distances = np.linalg.norm(lab[:, None] - lab, axis=2)

@@ -43,43 +43,41 @@ class Watched:
 
     def data(self, messages, chart):
         """The arrays that these messages bring to a chart; one message has them."""
-        uuid = chart.handle._impl.uuid
-        (found,) = (
-            one.updates["data"]
-            for one in messages
-            if isinstance(one, GuiUpdateMessage) and one.uuid == uuid and "data" in one.updates
-        )
+        updates = [one.updates for one in messages if getattr(one, "uuid", "") == chart.handle._impl.uuid]
+        (found,) = (one["data"] for one in updates if "data" in one)
         return found
 
 
 @pytest.fixture
 def watched(monkeypatch, tmp_path):
-    messages, push, flush = [], AsyncMessageBuffer.push, AsyncMessageBuffer.flush
+    messages = []
 
-    def watched_push(buffer, message):
-        messages.append(message)
-        push(buffer, message)
+    def watch(name):
+        stock = getattr(AsyncMessageBuffer, name)
 
-    def watched_flush(buffer):
-        messages.append(FLUSH)
-        flush(buffer)
+        def watched(buffer, *message):
+            messages.extend(message or (FLUSH,))
+            stock(buffer, *message)
+
+        monkeypatch.setattr(AsyncMessageBuffer, name, watched)
 
     with guarded_server(port=0) as guarded:
         state = opened(open_source("synthetic:random_walk?n=20000&seed=1&sigma=0.5"))
         dashboard = Dashboard(guarded.server, state, tmp_path)
         dashboard.engine._studies = None
-        monkeypatch.setattr(AsyncMessageBuffer, "push", watched_push)
-        monkeypatch.setattr(AsyncMessageBuffer, "flush", watched_flush)
+        watch("push")
+        watch("flush")
         yield Watched(dashboard, messages)
 
 
-def test_a_move_sends_the_chart_of_the_signal_first_and_alone(watched):
-    sent = watched.turn(set_text("q", "0.5"))
+def test_a_move_sends_the_numbers_of_the_signal_first_and_alone(watched):
+    sent = watched.turn(set_text("q", "1e-5"))
     signal = watched.dashboard.signal.signal
-    assert [message.uuid for message in sent[:-1]] == [signal.handle._impl.uuid]
+    assert [(one.uuid, list(one.updates)) for one in sent[:-1]] == [(signal.handle._impl.uuid, ["data"])]
     assert sent[-1] == FLUSH
     x, *lines = watched.data(sent[:-1], signal)
     assert all(len(line) == len(x) <= MAX_MOVING_POINTS for line in lines)
+    assert np.isfinite(lines[-1]).any()  # the line of the lag has appeared, and the chart is not rebuilt for it
 
 
 def test_the_other_parts_bring_the_rest_and_all_points(watched):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import threading
+from functools import partial
 
 import numpy as np
 import pytest
@@ -10,17 +10,16 @@ import pytest
 from kalscope import BadSetting, Recording, estimate_fusion, fuse
 from kalscope.errors import Cancelled
 from kalscope_app.dashboard import Dashboard
-from kalscope_app.engine.filter_runs import choose_samples
+from kalscope_app.engine.filter_runs import Cache, choose_samples
 from kalscope_app.engine.frame import compute_frame
 from kalscope_app.guard.server import guarded_server
 from kalscope_app.live import send_setting
-from kalscope_app.session.changes import apply_estimate, pin_present, select_channel, set_taking_part
+from kalscope_app.session.changes import apply_estimate, pin_present, select_channel, set_taking_part, share_line
 from kalscope_app.session.opening import opened
 from kalscope_app.session.session import Session
-from kalscope_app.session.share import share_line
-from kalscope_app.studies.checks import FusionJudge
-from kalscope_app.studies.comparisons import Overviews, VariantTable
-from kalscope_app.studies.tuning_map import MapMaker
+from kalscope_app.studies.checks import judge_sensors
+from kalscope_app.studies.comparisons import compute_overview, compute_variants
+from kalscope_app.studies.tuning_map import compute_map
 from kalscope_app.views.chart_tabs import lead_of
 from kalscope_app.views.export import Choice, csv, files_of, limits_text
 from kalscope_app.views.variants import FOR_ONE_CHANNEL, table_text
@@ -75,47 +74,44 @@ def test_a_row_follows_its_sensor_and_one_that_drops_out_keeps_its_tick_box_alon
     bench, _, door = view._rows[:3]
     share = f"bench: share {100 * state.fusion.shares['bench']:.0f} %"
     assert bench._tick.label == share
-    assert door._r.slider.visible
+    assert door._boxes["r"]._text.visible
     view.show(frame_of(set_taking_part("door", False)(state)))
-    assert (door.ticked, door._tick.visible, door._r.slider.visible) == (False, True, False)
+    assert (door.ticked, door._tick.visible, door._boxes["r"]._text.visible) == (False, True, False)
     assert bench._tick.label != share
     assert door._tick.label == "door"
 
 
-def test_the_job_fits_the_ticked_sensors_by_a_reference_and_can_be_cancelled(view):
-    single, stop = opened(greenhouse(n=200)), threading.Event()
+def test_the_job_fits_the_ticked_sensors_by_a_reference_and_can_be_cancelled(view, monkeypatch):
+    single = opened(greenhouse(n=200))
     session = view._session = Session(single)
-    view._search(single, ("bench", "roof"), "roof", stop)
+    view._search(single, ("bench", "roof"), "roof")
     fusion = session.apply_requests()[0].fusion
     assert fusion.tuning.sensors == ("bench", "roof")
     assert fusion.tuning.offset[1] == 0.0
-    stop.set()
+    monkeypatch.setattr(view._running, "is_cancelled", lambda: True)
     with pytest.raises(Cancelled):
-        view._search(single, ("bench", "roof"), None, stop)
+        view._search(single, ("bench", "roof"), None)
 
 
 @pytest.mark.slow
 def test_the_verdict_names_the_sensor_that_drifts_and_is_good_without_it(state):
-    judge = FusionJudge()
-    good = judge.of(state)
+    judge = partial(judge_sensors, kept=Cache())
+    good = judge(state)
     assert (good.judgement.word, good.judgement.tone, good.judgement.findings) == ("fused", "good", ())
     assert "less" in good.judgement.headline
     assert any("offset" in note for note in good.notes)
     drifting = fused(greenhouse(drift=2.0))
-    bad = judge.of(drifting).judgement
+    bad = judge(drifting).judgement
     assert (bad.word, bad.tone) == ("door disagrees", "bad")
     assert "door drifts" in bad.findings[0].text
-    assert judge.of(set_taking_part("door", False)(drifting)).judgement.tone == "good"
-    assert judge.of(select_channel("roof")(drifting)) is None
-    alike = greenhouse()
+    assert judge(set_taking_part("door", False)(drifting)).judgement.tone == "good"
+    assert judge(select_channel("roof")(drifting)) is None
+    alike, silent = greenhouse(), greenhouse()
     alike.values[:, 1:3] += np.random.default_rng(3).normal(0.0, 0.5, (800, 1))
-    shared = judge.of(fused(alike)).judgement
-    assert (shared.word, shared.tone) == ("sensors share noise", "bad")
-    assert "roof and door share noise (correlation 0.8" in shared.headline
-    silent = greenhouse()
     silent.values[300:500, 1] = np.nan
-    quiet = judge.of(fused(silent)).judgement
-    assert (quiet.word, quiet.tone) == ("roof sent no data", "note")
+    for readings, word, tone in (alike, "sensors share noise", "bad"), (silent, "roof sent no data", "note"):
+        judged = judge(fused(readings)).judgement
+        assert (judged.word, judged.tone) == (word, tone)
 
 
 def test_code_and_csv_are_those_of_the_fused_sensors(state):
@@ -131,15 +127,12 @@ def test_code_and_csv_are_those_of_the_fused_sensors(state):
     assert "humidity" not in csv(without).decode()
 
 
-def test_what_belongs_to_one_channel_is_refused_in_words(state):
+def test_what_belongs_to_one_channel_is_refused_in_words_and_not_called_current(state):
     with pytest.raises(BadSetting, match="one channel"):
         pin_present(state)
     with pytest.raises(BadSetting, match="fused sensors"):
         send_setting(state, None)
-    assert "one channel" in MapMaker()(state).note
+    assert "one channel" in compute_map(state, Cache()).note
     assert any("tuning file" in remark for remark in share_line(state).remarks)
-
-
-def test_the_tabs_about_one_channel_do_not_speak_of_a_current_one(state):
-    assert table_text(VariantTable().compute(state)) == FOR_ONE_CHANNEL
-    assert "current channel" not in lead_of(Overviews().compute(state))
+    assert table_text(compute_variants(state, Cache())) == FOR_ONE_CHANNEL
+    assert "current channel" not in lead_of(compute_overview(state, Cache()))

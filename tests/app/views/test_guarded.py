@@ -82,21 +82,22 @@ def test_the_views_that_fail_are_emptied_and_the_others_are_drawn(screen, half, 
     assert screen.look_at(screen.first) == screen.at_first
 
 
-def test_a_frame_that_cannot_be_computed_leaves_nothing_of_the_one_before(screen, monkeypatch):
-    with monkeypatch.context() as patch:
-        patch.setattr(engine_module, "compute_frame", broken)
-        seen = screen.look_at(screen.second.with_view(resets=5), screen.second)
-        assert {seen[name] for name in ("_header", "signal", "_more", "_source", "_map")} == {b""}
-        assert {name: seen[name] for name in STUDIED} == {name: screen.at_second[name] for name in STUDIED}
-        assert screen.errors() == [BROKEN]
-    assert screen.look_at(screen.first) == screen.at_first
-
-
-def test_a_study_that_fails_leaves_nothing_of_the_one_before(screen, monkeypatch):
+@pytest.mark.parametrize(
+    ("what", "emptied"),
+    [
+        ("frame", ("_header", "signal", "_more", "_source", "_map")),
+        ("studies", (*STUDIED, "_map", "_verdict")),
+    ],
+)
+def test_what_cannot_be_computed_leaves_nothing_of_the_one_before(screen, what, emptied, monkeypatch):
     studies = screen.bench.studies
     with monkeypatch.context() as patch:
-        patch.setattr(studies, "_studies", [replace(one, compute=broken) for one in studies._studies])
+        if what == "frame":
+            patch.setattr(engine_module, "compute_frame", broken)
+        else:
+            patch.setattr(studies, "_studies", [replace(one, compute=broken) for one in studies._studies])
         seen = screen.look_at(screen.second.with_view(resets=5), screen.second)
-        assert {seen[name] for name in (*STUDIED, "_map", "_verdict")} == {b""}
-        assert screen.errors() == [BROKEN] * (len(studies._studies) - 1)  # keeping the filters shows nothing
+        assert {seen[name] for name in emptied} == {b""}
+        errors = 1 if what == "frame" else len(studies._studies) - 1  # keeping the filters shows nothing
+        assert screen.errors() == [BROKEN] * errors
     assert screen.look_at(screen.first) == screen.at_first

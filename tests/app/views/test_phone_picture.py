@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import threading
 from types import SimpleNamespace
 from unittest.mock import MagicMock
 
@@ -43,99 +42,45 @@ def test_every_recording_can_be_pictured(values):
     assert draw_picture(frame_of(values), shape=0.5).shape == (1560, WIDTH, 3)
 
 
-class Checkbox:
-    """The hidden one of a browser; while it is read something else may happen."""
-
-    def __init__(self, phones):
-        self.reports, self._phones = False, phones
-
-    @property
-    def value(self):
-        now = self.reports
-        self._phones.during_report()
-        return now
-
-    def on_update(self, call):
-        self._phones.reported = call
-
-
-class Phones:
-    """`PhonePictures` with one browser; what overtakes runs in another thread, as in viser's pool."""
-
-    def __init__(self, monkeypatch):
-        self.browsers, self.others = {}, []
-        self.during_report = lambda: None
-        server = SimpleNamespace(get_clients=lambda: self.browsers)
-        self.pictures = PhonePictures(server)
-        self.checkbox = Checkbox(self)
-        self.client = MagicMock(client_id=1)
-        self.client.camera.image_width, self.client.camera.image_height = 390, 844
-        self.client.gui.add_checkbox.return_value = self.checkbox
-        self.browsers[1] = self.client
-        monkeypatch.setattr("kalscope_app.views.phone.draw_picture", self.draw)
-        self.pictures.attach(self.client)
-        self.pictures.show(frame_of([1.0, 2.0]))
-
-    def draw(self, _frame, _shape):
-        return "picture"
-
-    def report(self, is_phone):
-        self.checkbox.reports = is_phone
-        self.reported(None)
-
-    def overtake(self, act):
-        """Do this in another thread, which may have to wait for what runs."""
-        self.during_report = lambda: None
-        self.others.append(threading.Thread(target=act))
-        self.others[-1].start()
-        self.others[-1].join(0.3)
-
-    def settle(self):
-        for other in self.others:
-            other.join()
-
-    @property
-    def background(self):
-        return self.client.scene.set_background_image.call_args.args[0]
-
-    def is_forgotten(self):
-        return not self.pictures._shapes
-
-
 @pytest.fixture
 def phones(monkeypatch):
-    return Phones(monkeypatch)
+    """`PhonePictures` with one browser, whose hidden checkbox reports what `box.value` is."""
+    monkeypatch.setattr("kalscope_app.views.phone.draw_picture", lambda frame, shape: (frame, shape))
+    pictures, client, box = PhonePictures(), MagicMock(), SimpleNamespace(value=False)
+    client.camera.image_width, client.camera.image_height = 390, 844
+    client.gui.add_checkbox.return_value = box
+    box.on_update = lambda report: vars(box).update(report=lambda: report(None))
+    pictures.attach(client)
+    pictures.show("first")
+    drawn = client.scene.set_background_image
+    return SimpleNamespace(pictures=pictures, client=client, box=box, drawn=drawn)
 
 
 def test_a_phone_gets_the_picture_of_every_frame_and_a_wide_window_none(phones):
-    scene = phones.client.scene
-    assert phones.is_forgotten()
-    phones.report(True)
-    assert (list(phones.pictures._shapes), phones.background) == ([phones.client], "picture")
-    phones.report(False)
-    assert phones.is_forgotten()
-    drawn = scene.set_background_image.call_count
-    phones.pictures.show(frame_of([1.0, 2.0]))
-    assert scene.set_background_image.call_count == drawn == 1
+    assert not phones.drawn.called
+    phones.box.value = True
+    phones.box.report()
+    phones.pictures.show("second")
+    assert [call.args[0] for call in phones.drawn.call_args_list] == [("first", 390 / 844), ("second", 390 / 844)]
+    phones.box.value = False
+    phones.box.report()
+    phones.pictures.show("third")
+    assert phones.drawn.call_count == 2
 
 
-@pytest.mark.slow
-def test_a_report_that_is_overtaken_by_a_later_one_has_no_effect(phones):
-    phones.during_report = lambda: phones.overtake(lambda: phones.report(False))
-    phones.report(True)
-    phones.settle()
-    assert phones.is_forgotten()
+def test_a_phone_that_is_turned_gets_one_picture_of_the_new_shape(phones):
+    phones.box.value = True
+    (moved,) = phones.client.camera.on_update.call_args.args
+    moved(None)
+    moved(None)
+    phones.client.camera.image_width, phones.client.camera.image_height = 844, 390
+    moved(None)
+    assert [call.args[0][1] for call in phones.drawn.call_args_list] == [390 / 844, 844 / 390]
 
 
-@pytest.mark.slow
-def test_a_browser_that_disconnects_during_its_report_is_forgotten(phones):
-    def disconnect():
-        phones.browsers.clear()
-        phones.pictures.detach(phones.client)
-
-    phones.during_report = lambda: phones.overtake(disconnect)
-    phones.report(True)
-    phones.settle()
-    assert phones.is_forgotten()
-    phones.report(True)
-    assert phones.is_forgotten()
+def test_a_browser_that_disconnects_before_its_report_gets_none(phones):
+    phones.pictures.detach(phones.client)
+    phones.box.value = True
+    phones.box.report()
+    phones.pictures.show("second")
+    assert not phones.drawn.called

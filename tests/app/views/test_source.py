@@ -5,27 +5,23 @@ from __future__ import annotations
 import threading
 
 import pytest
-from each import each
 from waiting import PATIENCE
 
 from kalscope.papers.reproduction import list_experiments
 from kalscope.sources.samples import list_samples
+from kalscope.sources.synthetic import SHAPES
 from kalscope_app.engine.jobs import Jobs
-from kalscope_app.views.live import TYPED, has_baud, port_to_show
-from kalscope_app.views.source import experiment_label, sample_label
+from kalscope_app.views.live import TYPED, port_to_show
+from kalscope_app.views.source import specs_by_label
 
 
 @pytest.mark.parametrize(
     ("shown", "kept", "before", "now", "expected"),
     [
-        (TYPED, False, (), (), TYPED),
         (TYPED, False, (), ("A", "B"), "A"),
-        (TYPED, True, (), ("A",), TYPED),
         (TYPED, True, ("A",), ("A", "B"), TYPED),
         ("A", False, ("A",), ("A", "B"), "B"),
         ("A", True, ("A",), ("A", "B"), "A"),
-        ("A", True, ("A", "B"), ("B", "C"), "C"),
-        ("B", False, ("A", "B"), ("A",), "A"),
         ("B", False, ("A", "B"), ("B",), "B"),
         ("A", False, ("A",), (), TYPED),
     ],
@@ -36,23 +32,13 @@ def test_the_port_that_was_just_plugged_in_is_shown_unless_the_user_chose_anothe
     assert port_to_show(shown, before, now, kept=kept) == expected
 
 
-@each(
-    ("address", "expected"),
-    [("", True), ("/dev/ttyACM0", True), ("COM3", True), ("ssh://pi/dev/ttyACM0", True)]
-    + [(text, False) for text in ("tcp://h:1", " UDP://:47269", "mqtt://broker/t", "file:log.csv")],
-)
-def test_a_baud_rate_is_offered_where_it_means_something(address, expected):
-    assert has_baud(address) is expected
-
-
-def test_the_menus_say_what_was_not_measured():
-    labels = {sample.name: sample_label(sample.title, sample.made) for sample in list_samples()}
-    assert labels["nile"] == "Nile at Aswan"
-    assert labels["lis302dl"] == "Resting LIS302DL (re-creation)"
-    assert labels["ultrasonic"].endswith("(simulated)")
-    assert [name for name, label in labels.items() if not label.endswith(")")] == ["nile"]
-    figures = [experiment_label(one) for one in list_experiments()]
-    assert len(set(figures)) == len(figures)
+def test_the_menu_says_what_was_not_measured_and_has_every_name_once():
+    labels = {spec: label for label, spec in specs_by_label().items()}
+    assert labels["sample:lis302dl"] == "Resting LIS302DL (re-creation)"
+    assert labels["synthetic:random_walk"] == "random walk (generated)"
+    measured = [spec for spec, label in labels.items() if not label.endswith(")") and spec.startswith("sample:")]
+    assert measured == ["sample:nile"]
+    assert len(labels) == len(list_samples()) + len(list_experiments()) + len(SHAPES)
 
 
 def test_idle_work_is_repeated_between_jobs_and_ends_with_its_failure():

@@ -1,4 +1,4 @@
-"""What widgets are given: only what differs, numbers that read back, places on a slider, names without markup."""
+"""What widgets are given: numbers that read back, places on a slider, names without markup."""
 
 from __future__ import annotations
 
@@ -6,24 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kalscope_app.views.widgets import escape_markdown, on_decades, put, typed
-
-
-class Handle:
-    def __init__(self):
-        object.__setattr__(self, "written", [])
-        object.__setattr__(self, "label", "a")
-
-    def __setattr__(self, name, value):
-        self.written.append(name)
-        object.__setattr__(self, name, value)
-
-
-def test_only_what_differs_is_written():
-    handle = Handle()
-    put(handle, label="a")
-    put(handle, label="b")
-    assert (handle.written, handle.label) == (["label"], "b")
+from kalscope_app.views.widgets import escape_markdown, on_decades, typed
 
 
 @given(st.floats(1e-300, 1e300))

@@ -122,7 +122,7 @@ def test_date_columns_without_a_header_are_known_by_their_ranges(has_day_of_year
     rows = list(zip(*(stamps(code, 60) for code in codes), NOISE, strict=True))
     time = find_time(columns, rows, ".", named=False)
     parse = row_stamp_parser(time, ".")
-    assert [codes[i] for i in time.indices] == [code for code in codes if code != "%j"]
+    assert sorted(time.indices) == list(range(len(codes)))
     assert parse(rows[5]) - parse(rows[0]) == 300e6
 
 

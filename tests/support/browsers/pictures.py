@@ -124,11 +124,10 @@ def fused(screen: Screen) -> None:
 def fleet(screen: Screen) -> None:
     """A fleet is open, and the device that is most unlike the others."""
     screen.tab("Source")
-    for folder in ("Your file", "Live board", "Samples and papers"):
-        screen.page.get_by_text(folder, exact=True).click()  # the ports of this machine are no part of the picture
-    screen.page.get_by_text("Fleet", exact=True).click()
-    screen.type("fleet folder", "result", enter=False)
-    press(screen, "Open fleet")
+    screen.type("path", "result")
+    screen.page.get_by_text(
+        "Live board", exact=True
+    ).click()  # the ports of this machine are no part of the picture
     screen.page.locator(".kalscope-map > div").wait_for()
     screen.choose("open device", "1. dev20.csv")
     screen.page.get_by_text("dev20.csv").first.wait_for()

@@ -169,6 +169,15 @@ class Screen:
             self.page.get_by_role("button", name=button).click()
         chooser.value.set_files(path)
 
+    def download(self, button, path=None):
+        """The bytes that the button of this name sends, saved at `path` too."""
+        with self.page.expect_download() as download:
+            self.page.get_by_role("button", name=button, exact=True).click()
+        content = download.value.path().read_bytes()
+        if path is not None:
+            path.write_bytes(content)
+        return content
+
     def notification(self, text):
         return self.page.locator(".mantine-Notification-root", has_text=text)
 

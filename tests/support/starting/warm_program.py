@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import gc
 import io
+from functools import partial
 
 import imageio.v3
 import numpy as np
@@ -15,25 +16,25 @@ import kalscope_app.dashboard
 import kalscope_app.guard.server
 import kalscope_app.views.window
 from kalscope.catalogue import open_source
-from kalscope.cli.app import COMMANDS, function_of
+from kalscope.cli.app import COMMANDS, function_of, run
 from kalscope.export import registry  # noqa: F401
-from kalscope_app.commands import run
-from kalscope_app.engine.filter_runs import choose_samples
+from kalscope_app.engine.filter_runs import Cache, choose_samples
 from kalscope_app.engine.frame import compute_frame
 from kalscope_app.guard.requests import served_page
+from kalscope_app.main import add_dashboard
 from kalscope_app.session.opening import opened
 from kalscope_app.studies import checks, comparisons, tuning_map
 from kalscope_app.views.window import page_script
 
 STUDIES = (
     lambda state: compute_frame(state, 0, choose_samples(state.recording, state.channel, None)),
-    comparisons.VariantTable().compute,
-    tuning_map.MapMaker(),
+    partial(comparisons.compute_variants, kept=Cache()),
+    partial(tuning_map.compute_map, kept=Cache()),
     checks.compute_checks,
-    comparisons.Overviews().compute,
+    partial(comparisons.compute_overview, kept=Cache()),
     checks.compute_spectra,
     checks.compute_allan,
-    comparisons.AlternativesStudy().compute,
+    partial(comparisons.compute_alternatives, kept=Cache()),
 )
 
 demo = opened(open_source("demo"))
@@ -41,6 +42,7 @@ for study in STUDIES:
     study(demo)
 imageio.v3.imwrite("<bytes>", np.zeros((2, 2), np.uint8), extension=".png")  # as viser makes pictures
 kalscope_app.dashboard.WARM_UP_AFTER_S = 1e6  # the worker of a forked program starts with its first task
+add_dashboard()
 with contextlib.redirect_stderr(io.StringIO()):
     run(["open", "no such file"])  # the command line is imported and built; a refusal ends it
 for name in COMMANDS:

@@ -42,7 +42,7 @@ let send = () => {};
 const load = (image, data) => {
   if (!data) return;
   URL.revokeObjectURL(image.src);
-  image.src = URL.createObjectURL(new Blob([data], { type: "image/png" }));
+  image.src = URL.createObjectURL(new Blob([data]));
 };
 
 picture.addEventListener("load", () => {

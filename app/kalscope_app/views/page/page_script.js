@@ -6,6 +6,7 @@ const charts = new Map(); // uuid -> height and share of the window, as sent by 
 const phoneCheckboxes = new Set();
 const windows = new WeakSet(); // the parts of charts that show the window of the recording
 let zoom = ""; // the hidden widget that asks for another window
+let lag = ""; // the hidden widget that takes a lag
 let rightPanel = null; // the last message with its width
 let deliver = () => {};
 let send = () => {};
@@ -52,11 +53,17 @@ const dragged = (chart, target, handle, onlyTarget = true) => {
   };
 };
 
-const askForWindow = (value) =>
-  zoom && send({ type: "send", message: { type: "GuiUpdateMessage", uuid: zoom, updates: { value } } });
+const clicked = (chart, _target, handle) => (event) => {
+  handle(event);
+  if (event.button === 0) put(lag, chart.posToVal(event.clientX - chart.over.getBoundingClientRect().left, "x"));
+};
 
-const tellPhone = (uuid) =>
-  send({ type: "send", message: { type: "GuiUpdateMessage", uuid, updates: { value: phone.matches } } });
+const put = (uuid, value) =>
+  uuid && send({ type: "send", message: { type: "GuiUpdateMessage", uuid, updates: { value } } });
+
+const askForWindow = (value) => put(zoom, value);
+
+const tellPhone = (uuid) => put(uuid, phone.matches);
 
 const fit = (message) => {
   const { type, uuid, props, updates } = message;
@@ -65,7 +72,9 @@ const fit = (message) => {
   const cursor = (props ?? updates)?.cursor;
   if (cursor) cursor.dataIdx = notInGaps;
   if (cursor?.window) cursor.bind = { mouseup: dragged };
+  if (cursor?.chooses) cursor.bind = { mouseup: clicked };
   if (type === "GuiMultiSliderMessage" && props.label === sizes.zoom) zoom = uuid;
+  if (type === "GuiNumberMessage" && props.label === sizes.lag) lag = uuid;
   if (type === "GuiSetPanelWidthMessage" && [sizes.withMap, sizes.withoutMap].includes(message.width)) {
     rightPanel = { ...message };
     message.width = rightWidth();

@@ -748,7 +748,7 @@ def _of_parts(part: dict[PartRole, float | None]) -> float | None:
     start: float | None = 0.0
     if "year" in known:
         start = day_us(*(int(known.get(role, 1)) for role in ("year", "month", "day")))
-    since = (known.get("day of year", 1) - 1) * DAY_US
+    since = 0.0 if "month" in known else (known.get("day of year", 1) - 1) * DAY_US
     since += sum(round(value * _PARTS[role][2]) for role, value in known.items())
     return None if start is None else start + since
 

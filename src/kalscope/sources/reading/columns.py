@@ -155,6 +155,9 @@ def _is_row_number(name: str, cells: list[str]) -> bool:
     return rising and (own or numbers[-1] - numbers[0] == len(numbers) - 1)
 
 
+_DATE_PARTS = frozenset(("year", "month", "day", "hour", "minute"))
+
+
 def settle_roles(
     columns: list[Column], time: TimeColumn | None
 ) -> tuple[list[Column], TimeColumn | None, tuple[str, ...]]:
@@ -170,6 +173,8 @@ def settle_roles(
         taken = time.indices
         if tuple(column.name for column in columns[:2]) == HOST_AND_DEVICE and {*taken} <= {0, 1}:
             taken = (0, 1)
+        elif time.kind == "calendar":  # beside a whole stamp these repeat a part of it
+            taken = (*taken, *(i for i, column in enumerate(columns) if column.name.lower() in _DATE_PARTS))
         columns = [replace(column, role="time") if i in taken else column for i, column in enumerate(columns)]
         notes = [f'"{columns[time.index].name or f"column {time.index + 1}"}" is the time', *time.notes]
     channels = [i for i, column in enumerate(columns) if column.role == "channel"]

@@ -219,9 +219,11 @@ class LineParser:
             return None
         if known and (layout.form, layout.columns) == (known.form, known.columns):
             return None
-        if layout.form.kind == "table" and any(column.role == "text" for column in layout.columns):
+        has_words = layout.form.kind == "table" and any(column.role == "text" for column in layout.columns)
+        mark = layout.form.decimal if known and layout.form.decimal != known.form.decimal else ""
+        if has_words or mark:  # 2,3 alone is damage rather than the first decimal comma
             reader = LineReader(layout, self._options)
-            rows = [text for text in head if reader.read(0, text).kind == "row"]
+            rows = [text for text in head if mark in text and reader.read(0, text).kind == "row"]
             if len(set(rows)) < _MIN_DISTINCT_ROWS and len(rows) < _MIN_ROWS:
                 return None
         return layout

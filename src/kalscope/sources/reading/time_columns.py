@@ -144,12 +144,20 @@ def unnamed_parts(rows: list[Cells]) -> TimeColumn | None:
     hardly anything else.
     """
     width = min(map(len, rows), default=0) if len(rows) >= _MIN_ROWS else 0
-    for first, step in product(range(width - 3), (1, 2)):
+    for first, step in product(range(width - 3), (2, 1)):  # 2: the number of the day comes before the month
         pairs = zip(_IN_ORDER[:6], (first, *range(first + step, width)), strict=False)
         parts = tuple(takewhile(lambda part: _are_parts(rows, *part), pairs))
         time = TimeColumn(first, "calendar", parts=parts)
-        if len(parts) >= 4 and judge(stamps_of(time, rows, ".")).back <= _MAX_BACK_WEAK:
+        if len(parts) < 4 or judge(stamps_of(time, rows, ".")).back > _MAX_BACK_WEAK:
+            continue
+        if step == 1:
             return time
+        number: tuple[PartRole, int] = "day of year", first + 1
+        by_month, by_number = (
+            stamps_of(replace(time, parts=each), rows, ".") for each in (parts[:3], (parts[0], number))
+        )
+        if np.array_equal(by_month, by_number):
+            return replace(time, parts=(*parts, number))
     return None
 
 
