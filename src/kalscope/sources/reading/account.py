@@ -186,6 +186,8 @@ def no_table(name: str, lines: Sequence[str], options: ReadOptions) -> BadFile:
     given = " ".join(option_words(options))
     instead = f"leave out {given}" if given else "try --delimiter, --decimal, --header-row or --time-column"
     must = "one sample per line, all of one width"
+    if len(widths) > 3 and not given:  # records of several kinds: no option makes one table of them
+        instead = "write the lines of one width to a file of their own"
     if len(widths) == 1 and max(widths) > MAX_COLUMNS:
         must = f"of at most {MAX_COLUMNS} columns"
         instead = "write the columns that matter to a file of their own"

@@ -344,7 +344,7 @@ class ColumnType:
 
 def column_type(cells: Sequence[str], kinds: CellKinds) -> ColumnType:
     """What a column holds, by its cells."""
-    counts = Counter(kinds[cell] for cell in cells)
+    counts = Counter(map(kinds.__getitem__, cells))
     numbers = sum(counts[kind] for kind in NUMERIC)
     measured = counts["measure"] > numbers / 2
     stamps, texts = counts["stamp"], counts["text"]

@@ -240,12 +240,13 @@ class LineParser:
 def comma_line(parser: LineParser, line: bytes) -> str:
     """One line as numbers with commas between them, in the order of the channels.
 
-    A line that is already written so, or holds no data, is returned unchanged: the filter reports what is wrong.
+    A line that is already written so, or cannot be read, is returned unchanged: the filter reports what is wrong.
     """
     parser.feed(line if line.endswith(b"\n") else line + b"\n")
     events, layout = list(parser), parser.layout
     form = LineFormat() if layout is None else replace(layout.form, decimal=".")
-    if layout is None or form == LineFormat() or [event.kind for event in events] != ["row"]:
+    fits = [event.kind for event in events] == ["row"] and not events[0].issues
+    if layout is None or form == LineFormat() or not fits:
         return _decoded(line)
     return ",".join("" if math.isnan(x := events[0].rows[-1][i]) else repr(x) for i in layout.channels)
 

@@ -120,8 +120,9 @@ def find_body(head: Sequence[str], lines: list[HeadLine], table: HeadTable, plan
         return body
     grid = _Grid(lines, table, body, kinds)
     first = grid.first_row(plan.preface.first_row)
-    rows = grid.rows_from(first) or list(table.rows[:1])
-    return Body(tuple(rows), first, grid.above(first, head), _types(rows, table.width, kinds), beside)
+    whole = tuple(grid.rows_from(first) or table.rows[:1])
+    types = types if whole == body.rows else _types(whole, table.width, kinds)
+    return Body(whole, first, grid.above(first, head), types, beside)
 
 
 def _types(rows: Sequence[Row], width: int, kinds: CellKinds) -> tuple[ColumnType, ...]:
@@ -190,8 +191,11 @@ class _Grid:
         best, gained, whole, other = 0, 0, 0, 0
         few = MAX_ABOVE * sum(line.fit == "row" for line in lines)
         for i, line in enumerate(lines):
-            below = [row.fit for row in lines[i + 1 : i + 1 + MAX_HEADER_LINES]]
-            if line.fit == "text" and "row" in below and len(line.cells) >= self._least:
+            if (
+                line.fit == "text"
+                and len(line.cells) >= self._least
+                and any(row.fit == "row" for row in lines[i + 1 : i + 1 + MAX_HEADER_LINES])
+            ):
                 if other - 2 * whole > gained:
                     best, gained = i + 1, other - 2 * whole
                 elif 0 < whole <= few and self._begins_anew(line, lines[:i], lines[i:]):
