@@ -14,6 +14,7 @@ import pytest
 from program import command
 from waiting import PATIENCE
 
+from kalscope import kalman_filter
 from kalscope.cli import console
 from kalscope.cli.app import run
 from kalscope.cli.console import progress_line
@@ -432,3 +433,36 @@ def test_a_goal_that_no_filter_of_the_record_can_meet_is_refused_in_words(
         assert len(err.splitlines()) <= 2
         assert " must " in err
     assert not re.search(r"\d+e[+-]?\d+ (µs|s|h|days|years)\b|∞ dB|\binf\b|\bnan\b|1\.00e12", out + err)
+
+
+def test_two_speeds_are_advised_for_steps_and_filter_as_saved(tmp_path: Path, capsys: Captured) -> None:
+    rng = np.random.default_rng(3)
+    z = np.cumsum((rng.random(1500) < 0.006) * rng.normal(size=1500) * 15) + rng.normal(size=1500)
+    path, saved = tmp_path / "steps.csv", tmp_path / "steps.toml"
+    path.write_text(
+        "\n".join(["time,level", *(f"{i / 100:.2f},{each!r}" for i, each in enumerate(z.tolist())), ""])
+    )
+    assert run(["tune", str(path)]) == 0
+    assert "Next, with --two-speeds: the signal rests and moves" in capsys.readouterr().out
+    assert run(["tune", str(path), "--two-speeds", "-o", str(saved)]) == 0
+    page = capsys.readouterr().out
+    assert re.search(r"at rest lag .* s \(.* samples\), noise −.* dB; moving lag .*, noise −.* dB", page)
+    assert "Two speeds explain this record clearly better than one." in page
+    (one,) = load_tuning(saved).channels
+    assert one.fast is not None
+    assert one.fast > 100.0
+    assert saved.read_text().splitlines()[1] == "format = 5"
+    assert run(["filter", str(path), "--config", str(saved)]) == 0
+    head, *rows = capsys.readouterr().out.splitlines()
+    assert head == "time,level,level_filtered,level_variance,level_moving"
+    result = kalman_filter(z, one.params)
+    assert [float(row.split(",")[2]) for row in rows] == result.x.tolist()
+    assert [float(row.split(",")[4]) for row in rows] == result.moving.tolist()  # type: ignore[union-attr]
+    for other in (["--lag-ms", "50"], ["--r", "1"], ["--momentum", "3"]):
+        assert run(["tune", str(path), "--two-speeds", *other]) == 2
+        assert "two speeds are found with q and r" in capsys.readouterr().err
+
+
+def test_two_speeds_are_not_chosen_for_what_one_describes(log: Path, bare: Path, capsys: Captured) -> None:
+    for path in (log, bare):
+        assert tuned(capsys, str(path), "--two-speeds")["fast"] is None

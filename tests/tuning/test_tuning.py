@@ -174,7 +174,7 @@ def test_a_layout_that_cannot_be_updated_is_replaced_by_a_new_one_with_the_right
     assert load_tuning(path) == TWO
 
 
-@pytest.mark.parametrize("content", ["time,a\n0,1\n", "format = 5\n", "q = 1\n", "\0\1\2"])
+@pytest.mark.parametrize("content", ["time,a\n0,1\n", "format = 6\n", "q = 1\n", "\0\1\2"])
 def test_a_file_that_is_no_tuning_is_never_saved_over(tmp_path: Path, content: str) -> None:
     path = tmp_path / "recording.csv"
     path.write_text(content)
@@ -220,9 +220,9 @@ def only(*lines: str) -> str:
 @pytest.mark.parametrize(
     ("text", "says"),
     [
-        ("", "format must be 1, 2, 3 or 4 (got None)"),
-        ("format = 5", "format must be 1, 2, 3 or 4: a newer Kalscope may have written this file (got 5)"),
-        ("format = true", "format must be 1, 2, 3 or 4 (got True)"),
+        ("", "format must be 1, 2, 3, 4 or 5 (got None)"),
+        ("format = 6", "format must be 1, 2, 3, 4 or 5: a newer Kalscope may have written this file (got 6)"),
+        ("format = true", "format must be 1, 2, 3, 4 or 5 (got True)"),
         (only("momentum = 2e5"), "'a': momentum must be a number of sample periods from 0 to 1e5 (got"),
         (only("momentum = true"), "Expected `float | null`, got `bool` - at `$.channel[0].momentum`"),
         ("format = 1", "Object missing required field `channel`"),

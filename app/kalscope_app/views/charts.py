@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from kalscope.common.numbers import Array
 from kalscope.common.text import TIME_UNITS, number, trimmed
+from kalscope.filtering.steady import steady_state
 from kalscope_app.engine.filter_runs import Cache, DrawnSamples, choose_indices
 from kalscope_app.engine.frame import Frame
 from kalscope_app.views.widgets import put
@@ -234,7 +235,8 @@ def sensor_lines(frame: Frame, palette: Palette, *, raw: bool) -> list[ChartLine
 def lag_line(frame: Frame, palette: Palette) -> ChartLine:
     """A level line as long as the lag, up to the filtered signal at its steepest rise; NaN where it is tiny."""
     time, x = frame.drawn.time, frame.filtered
-    lag = float(frame.steady.lag_samples) * (frame.state.recording.sample_period or 1.0)
+    steady = frame.steady if frame.state.tuning.fast is None else steady_state(frame.state.params.moving)
+    lag = float(steady.lag_samples) * (frame.state.recording.sample_period or 1.0)
     y = np.full(len(x), np.nan)
     if len(x) > 1 and 0.005 * (time[-1] - time[0]) < lag < 0.5 * (time[-1] - time[0]):
         begin = np.searchsorted(time, time - lag)

@@ -169,7 +169,12 @@ def costs_of(state: State) -> tuple[Cost, ...]:
 def settings_of(state: State) -> dict[str, Cost]:
     """The three settings by name, where the signal shows hardly any noise; else none."""
     first = state.first
-    hardly = first is not None and first.request is not None and first.request.setting in SETTINGS
+    hardly = (
+        first is not None
+        and state.tuning.fast is None
+        and first.request is not None
+        and first.request.setting in SETTINGS
+    )
     return {one.name: one for one in costs_of(state) if one.name and hardly}
 
 
@@ -363,6 +368,11 @@ class GoalView:
 COSTS = "**What each lag costs{}.** Click to choose a lag."
 
 
+def _of_what(tuning: ChannelTuning) -> str:
+    """The filters of the curves, where that on screen is another one."""
+    return " without momentum" if tuning.momentum > 0.0 else "" if tuning.fast is None else " with one speed"
+
+
 class CostsView:
     """Noise left and movement lost over the lag, and the filter on screen."""
 
@@ -383,7 +393,7 @@ class CostsView:
         """Draw the curves, where there are any for the filter on screen."""
         state, costs = frame.state, costs_of(frame.state)
         is_shown = bool(costs) and state.uses_parameters and state.fusion is None
-        put(self._text, content=COSTS.format(" without momentum" * (state.tuning.momentum > 0.0)), visible=is_shown)
+        put(self._text, content=COSTS.format(_of_what(state.tuning)), visible=is_shown)
         if not is_shown:
             self._chart.hide()
             return

@@ -476,12 +476,10 @@ def figures(frame: Frame) -> str:
     left, level = noise_left(steady.noise_reduction_db), decibels(-steady.noise_reduction_db)
     name = "" if chain is None else f"**{capitalised(chain.words)}**  \n"
     lag = lag_text(steady.lag_samples, period := frame.state.recording.sample_period)
-    params, used = frame.state.params, frame.state.uses_parameters
-    if params.fast is not None and used:
-        moving = steady_state(params.moving)
-        lag, left = (
-            f"{lag} → {lag_text(moving.lag_samples, period)}",
-            f"{left} → {noise_left(moving.noise_reduction_db)}",
-        )
-        level = "at rest → moving"
+    params = frame.state.params
+    if params.fast is not None and frame.state.uses_parameters:
+        moving, both = steady_state(params.moving), ", at rest → moving"
+        lags = f"{lag} → {lag_text(moving.lag_samples, period)}"
+        noises = f"{left} → {noise_left(moving.noise_reduction_db)}"
+        return f"{FIGURE}**{lags}** lag{both}</span> {FIGURE}**{noises}** noise left{both}</span>"
     return f"{name}{FIGURE}**{lag}** lag</span> {FIGURE}**{left}** noise left ({level})</span>"

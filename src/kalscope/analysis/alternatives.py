@@ -48,7 +48,9 @@ def present_filter(
     less = " Lags less for the same noise, because it keeps the direction, and overshoots for it."
     return Alternative(
         name="Kalman (present)",
-        parameters=f"K = {steady.gain:.4g}" + (f", L = {steady.velocity_gain:.4g}" if moves else ""),
+        parameters="two speeds"
+        if params.fast is not None
+        else f"K = {steady.gain:.4g}" + (f", L = {steady.velocity_gain:.4g}" if moves else ""),
         run=lambda z: kalman_filter(z, params, steps).x,
         lag_samples=steady.lag_samples,
         noise_gain=10.0 ** (-0.1 * steady.noise_reduction_db),

@@ -268,9 +268,13 @@ def _band(evidence: Evidence) -> str:
     return f"band too {'narrow' if evidence.correction.r_factor > 1.0 else 'wide'}"
 
 
+NO_NEXT = ("start", "constant", "two_speeds")
+"""Statuses after which there is nothing to choose."""
+
+
 def _with_next_step(listed: list[Finding], estimate: Estimate, *, lag_costs: bool) -> list[Finding]:
     """The findings on the best fit, which end with an action where it may look worse than the previous filter."""
-    if estimate.params is None or any(one.action or one.status in ("start", "constant") for one in listed):
+    if estimate.params is None or any(one.action or one.status in NO_NEXT for one in listed):
         return listed
     removed = steady_state(estimate.params).noise_reduction_db
     reason = ""

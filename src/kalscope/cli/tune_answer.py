@@ -414,7 +414,8 @@ def _filter(answer: Answer) -> str:
     r = "" if answer.fuses else f", r = {trimmed(float(params.r), 4)}"
     momentum = f"momentum {lag_in_full(params.momentum, period)}" if params.momentum else "no momentum"
     if params.fast is not None:
-        momentum = f"{trimmed(params.fast, 3)} × q while it moves, {percent(params.spikes)} spikes"
+        spikes = f", {percent(params.spikes)} spikes" if params.spikes else ""
+        momentum = f"{trimmed(params.fast, 3)} × q while it moves{spikes}"
     gate = "no gate" if params.gate is None else f"gate {gate_text(params.gate)}"
     aside = 0 if fit is None or fit.outliers is None else int(fit.outliers.sum())
     spikes = f", {plural(aside, 'spike')} set aside" if aside else ""

@@ -26,13 +26,12 @@ SEARCHED = 8_000
 MIN_R = 1e-200
 """Least variance to begin with, unit²; the largest is 1/MIN_R."""
 
+NONE = 1e-3
+"""A share of spikes up to here is none: else a step that the fit has not seen passes for many spikes in a row."""
+
 _LEAST = np.log([1e-5, 1e-6, 1e-4, 1e-5])
 _MOST = np.log([1e2, 1e6, 0.1, 1e3])
-"""Limits of what is searched: ln(q/r), ln(r over that of one speed), ln(spikes), ln(fast q/r). The least share of
-spikes is as good as none."""
-
-MANY = 1e-4
-"""Share of spikes from which they are mentioned."""
+"""Limits of what is searched: ln(q/r), ln(r over that of one speed), ln(spikes), ln(fast q/r)."""
 
 NOT_CLEAR = "Two speeds do not explain it clearly better, so there is one."
 
@@ -83,7 +82,7 @@ def fit_two_speeds(z: Array, steps: Array, one: FilterParams) -> TwoSpeeds:
     def params_at(at: Array) -> FilterParams:
         limited = np.clip(at, _LEAST[: len(at)], _MOST[: len(at)])
         ratio, size, spikes, *moving = np.exp(limited).tolist()
-        r = size * float(one.r)
+        r, spikes = size * float(one.r), spikes if spikes > NONE else 0.0
         return FilterParams(ratio * r, r, fast=max(moving[0] / ratio, 1.0) if moving else 1.0, spikes=spikes)
 
     def search(begin: Any, evaluations: int) -> tuple[float, list[float]]:
@@ -132,7 +131,7 @@ def with_two_speeds(one: Estimate, z: ArrayLike, dt: ArrayLike | None) -> Estima
     if not found.is_clear(one.loglik if one.momentum and one.outliers is None else -math.inf):
         return replace(one, message=f"{one.message} {NOT_CLEAR}")
     params = found.params
-    spikes = f", {percent(params.spikes)} spikes" if params.spikes > MANY else ""
+    spikes = f", {percent(params.spikes)} spikes" if params.spikes else ""
     rest, moving, r = (number(each, 4) for each in (params.q, params.moving.q, float(params.r)))
     text = (
         f"The signal rests and moves: q = {rest} at rest, {moving} while it moves; r = {r}{spikes}. "

@@ -46,9 +46,10 @@ def filtered_csv_chunks(recording: Recording, filters: Iterable[ChannelTuning]) 
 
     Returns:
         Texts to be written one after the other: the header `time,<ch>,<ch>_filtered,<ch>_variance,…` (time in
-        s, variance in unit²; `<ch>_velocity_per_s` or `_per_sample` after the variance of a channel with momentum;
-        channels in the order of the recording; `sample` instead of `time` where the recording has no time), or of
-        a fusion `time,<sensor>,…,<name>,<name>_variance`, then the n rows. Cells of a variance that the filter does
+        s, variance in unit²; `<ch>_velocity_per_s` or `_per_sample` after the variance of a channel with momentum,
+        and `<ch>_moving`, a probability, of one with two speeds; channels in the order of the recording; `sample`
+        instead of `time` where the recording has no time), or of a fusion `time,<sensor>,…,<name>,<name>_variance`,
+        then the n rows. Cells of a variance that the filter does
         not know are empty. The filter has run when this returns, so an error comes before any text.
 
     Raises:
@@ -65,6 +66,9 @@ def filtered_csv_chunks(recording: Recording, filters: Iterable[ChannelTuning]) 
         if result.velocity is not None:
             columns.append(result.velocity / (recording.sample_period or 1.0))
             velocities[one.name] = "velocity_per_s" if recording.sample_period else "velocity_per_sample"
+        if result.moving is not None:
+            columns.append(result.moving)
+            velocities[one.name] = "moving"
     names = [name for one in chosen for name in one.sensors or (one.name,)]
     fused = next((one.name for one in chosen if one.sensors), None)
     time, time_name = recording.time, _time_name(recording.time)

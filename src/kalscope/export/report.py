@@ -70,6 +70,7 @@ def parameters(entry: ChannelTuning, period: float | None) -> Rows:
         ("filter", words),
         ("process noise q", f"{trimmed(entry.q, 4)} {unit} per sample"),
         ("measurement noise r", "" if entry.sensors else f"{trimmed(entry.r, 4)} {unit}"),
+        ("two speeds", "" if entry.fast is None else f"q grows {trimmed(entry.fast, 4)} × while the signal moves"),
         ("momentum τ", lag_in_full(entry.momentum, period) if entry.momentum else ""),
         ("initial variance p0", "automatic (diffuse)" if entry.p0 is None else f"{trimmed(entry.p0, 4)} {unit}"),
         ("initial estimate x0", x0),

@@ -144,13 +144,17 @@ def loads(text: str) -> Tuning:
 
 def _plain(tuning: Tuning) -> dict[str, Any]:
     """The tuning as the tables of the file."""
-    is_basic = tuning.fusion is None and not (tuning.has_momentum or tuning.has_chain or tuning.has_two_speeds)
+    is_basic = tuning.fusion is None and not (tuning.has_momentum or tuning.has_chain)
     fusion = None
     if tuning.fusion is not None:
         columns = (getattr(tuning.fusion, name) for name in ("sensors", "r", "offset", "gain"))
         fusion = _Fusion(**_values(tuning.fusion), sensors=[_Sensor(*row) for row in zip(*columns, strict=True)])
     file = _File(
-        format=1 if is_basic else toml.FORMATS[-1],  # older programs read a basic file, and refuse any other
+        format=5
+        if tuning.has_two_speeds
+        else 1
+        if is_basic
+        else 4,  # older programs read a basic file, and refuse any other
         tool=tuning.tool,
         date=tuning.date,
         selected=tuning.selected,

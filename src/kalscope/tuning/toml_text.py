@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 Tables = Mapping[str, Any]
 """Tables of a TOML text by name."""
 
-FORMATS = (1, 2, 3, 4)
+FORMATS = (1, 2, 3, 4, 5)
 """Numbers of the file format; a reader refuses the numbers it does not know. 1 has q, r and start only."""
 MAX_BYTES = 1_000_000
 """Largest file read: some thousand channels."""
