@@ -27,7 +27,7 @@ REFUSED = {
     ),
     "no width in common": (
         "".join(f"{','.join(['1.5'] * (2 + i % 7))}\n" for i in range(50)),
-        ["all of one width", "2 fields in line 1, 3 fields in line 2", "try --delimiter"],
+        ["all of one width", "2 fields in line 1, 3 fields in line 2", "lines of one width"],
     ),
     "too wide": (
         ",".join(f"c{i}" for i in range(300)) + "\n" + (",".join(map(str, range(300))) + "\n") * 50,
