@@ -239,7 +239,9 @@ def compute_checks(
     judgement, search = _of_filter(state, whole, held_out, still), _of_search(state, still)
     if judgement.tone != "good" and state.has_one_speed and judgement.status != "as_chosen":
         found = speeds(state)
-        judgement = judgement if found is None else with_two_speeds(judgement, found)
+        judgement = (
+            judgement if found is None else with_two_speeds(judgement, found, state.first and state.first.estimate)
+        )
     whole, held_out = without_residuals(whole), without_residuals(held_out)
     judgement = replace(judgement, residuals=whole, held_out=held_out)  # without the arrays of all samples
     return Checks(state, whole, held_out, estimated, judgement, search)

@@ -187,13 +187,15 @@ def answer_for(
     held_out = _held_out(z, dt, period, result.reason, request, progress.part(0.7, 1.0))
     still = find_still_stretch(z, dt) if needs_noise(result.estimate) else None
     judgement = judge(residuals, held_out, result.estimate, result.request, still, unit)
-    if _without(request) and not request.goal and not result.params.momentum:
-        best = estimate(z, dt=dt, robust=request.robust)
-        gain = momentum_gain(z, dt, result.params, best)
-        judgement = with_momentum(judgement, float(best.momentum), gain)
     one = result.params
-    if one.fast is None and judgement.tone != "good" and not request.goal and is_searched(one.q, float(one.r)):
-        judgement = with_two_speeds(judgement, fit_two_speeds(z, np.empty(0) if dt is None else dt, result.params))
+    if not request.goal and judgement.tone != "good" and one.fast is None and is_searched(one.q, float(one.r)):
+        best = estimate(z, dt=dt, robust=request.robust)
+        found = fit_two_speeds(z, np.empty(0) if dt is None else dt, one)
+        judgement = with_two_speeds(judgement, found, best)
+    if _without(request) and not request.goal and not one.momentum:
+        best = estimate(z, dt=dt, robust=request.robust)
+        gain = momentum_gain(z, dt, one, best)
+        judgement = with_momentum(judgement, float(best.momentum), gain)
     return Answer(recording, (channel,), unit, request, result, allowed, judgement)
 
 

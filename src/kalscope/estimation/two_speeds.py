@@ -119,6 +119,11 @@ def fit_two_speeds(z: Array, steps: Array, one: FilterParams) -> TwoSpeeds:
     )
 
 
+def rival_of(best: Estimate | None) -> float:
+    """The log-likelihood that two speeds must exceed besides that of one speed: of momentum, of all samples."""
+    return best.loglik if best is not None and best.momentum and best.outliers is None else -math.inf
+
+
 def with_two_speeds(one: Estimate, z: ArrayLike, dt: ArrayLike | None) -> Estimate:
     """The estimate with two speeds where the record z, shape (n,), shows them clearly; else itself, which says so.
 
@@ -128,7 +133,7 @@ def with_two_speeds(one: Estimate, z: ArrayLike, dt: ArrayLike | None) -> Estima
     if not is_searched(one.q, one.r):
         return one
     found = fit_two_speeds(samples, steps, FilterParams(one.q, one.r))
-    if not found.is_clear(one.loglik if one.momentum and one.outliers is None else -math.inf):
+    if not found.is_clear(rival_of(one)):
         return replace(one, message=f"{one.message} {NOT_CLEAR}")
     params = found.params
     spikes = f", {percent(params.spikes)} spikes" if params.spikes else ""
