@@ -36,6 +36,9 @@ def estimate(
     cancelled: Callable[[], bool] | None = None,
     momentum: float | Literal["auto"] = "auto",
     robust: bool | Literal["auto"] = "auto",
+    *,
+    r: float | None = None,
+    ratio: float | None = None,
 ) -> Estimate:
     """Find q, r and momentum in a record, with intervals and a verdict in words.
 
@@ -52,6 +55,8 @@ def estimate(
         robust: whether spikes, samples that neither those before nor those after predict, are set aside before the
             fit: True always, False never, "auto" where there are any. Only "ml" can: with another method "auto" is
             False.
+        r: the variance of the measurement noise where it is known, unit², > 0: only q is estimated, no momentum.
+        ratio: λ = q/r where it is chosen, > 0: only r is estimated, no momentum.
 
     Returns:
         An Estimate; its `params` are None where the record gives no usable pair, and its `message` says why.
@@ -67,6 +72,17 @@ def estimate(
         raise BadSetting(f"method must be one of {', '.join(METHODS)} (got {method!r})")
 
     tau = checked_momentum(momentum, method)
+    if r is not None or ratio is not None:
+        if (r is not None and ratio is not None) or method != "ml" or tau:
+            raise BadSetting(
+                f"r or ratio must be given alone, without method and momentum (got r = {r}, ratio = {ratio}, "
+                f"method = {method!r}, momentum = {momentum!r})"
+            )
+        return (
+            estimate_fixed_r(z, r, dt, robust)
+            if r is not None
+            else estimate_fixed_ratio(z, ratio or 0.0, dt, robust)
+        )
 
     def walk(data: Differences, progress: Progress) -> Estimate:
         peak = methods.search(data, progress.part(0.0, 0.9))
