@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
+from difflib import get_close_matches
 from pathlib import Path, PurePosixPath
 from types import MappingProxyType
 from typing import Literal
@@ -164,7 +165,8 @@ def export_tuning(
             not positive, or the tuning does not know its own.
     """
     if target not in TARGETS:
-        raise BadSetting(f"target must be one of {', '.join(TARGETS)} (got {target!r})")
+        near = "".join(f"; did you mean {name}?" for name in get_close_matches(target, TARGETS, 1))
+        raise BadSetting(f"target must be one of {', '.join(TARGETS)} (got {target!r}{near})")
     chosen = tuning.only(channel)
     job = job_of(chosen if sample_period is None else rescaled_to_period(chosen, sample_period))
     for need, words, instead in _NEEDS:
