@@ -432,3 +432,11 @@ def test_a_goal_that_no_filter_of_the_record_can_meet_is_refused_in_words(
         assert len(err.splitlines()) <= 2
         assert " must " in err
     assert not re.search(r"\d+e[+-]?\d+ (µs|s|h|days|years)\b|∞ dB|\binf\b|\bnan\b|1\.00e12", out + err)
+
+
+def test_stdin_is_read_to_its_end_as_a_file(log: Path, capsys: Captured, monkeypatch: pytest.MonkeyPatch) -> None:
+    file = tuned(capsys, str(log), "--lag-ms", "50")
+    monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(log.read_bytes())))
+    piped = tuned(capsys, "-", "--lag-ms", "50")
+    assert piped.pop("source") == "-"
+    assert piped == {name: value for name, value in file.items() if name != "source"}
