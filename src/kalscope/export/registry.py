@@ -144,6 +144,7 @@ def export_tuning(
     vectors: Recording | None = None,
     sample_period: float | None = None,
     calibration: bool = False,
+    minimal: bool = False,
 ) -> dict[str, str]:
     """The files of one target.
 
@@ -155,6 +156,7 @@ def export_tuning(
         vectors: The recording whose first samples, filtered, are added as `groundtruth.csv`; None = none.
         sample_period: Time between two samples on the device, s: q is converted to it; None = the tuning's.
         calibration: Add code that measures r on the device on command (arduino).
+        minimal: Leave out the commands and the exact digits (arduino): filter and loop only.
 
     Returns:
         The texts by file name. A name is one plain word without a folder; a text is ASCII.
@@ -177,7 +179,11 @@ def export_tuning(
         able = " or ".join(name for name, each in TARGETS.items() if each.can_calibrate)
         got = "fused sensors" if job.fuses else target
         raise BadSetting(f"calibration must be for {able} and the filters of channels (got {got})")
-    files = TARGETS[target].files(job, **({"calibration": True} if calibration else {}))
+    if minimal and (calibration or job.fuses or target != "arduino"):
+        got = "calibration" if calibration else "fused sensors" if job.fuses else target
+        raise BadSetting(f"minimal must be for arduino, the filters of channels and no calibration (got {got})")
+    extra = {name: True for name, on in (("calibration", calibration), ("minimal", minimal)) if on}
+    files = TARGETS[target].files(job, **extra)
     if vectors is not None:
         files |= vector_files(job, vectors)
     return files
