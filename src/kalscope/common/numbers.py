@@ -80,8 +80,9 @@ class ShortRepr:
 
 
 def _short(value: Any) -> str:
-    if isinstance(value, np.ndarray) and np.size(value) > MAX_PRINTED:
-        return f"<array of {' × '.join(map(str, np.shape(value)))}>"
+    shape: tuple[int, ...] = getattr(value, "shape", ())
+    if math.prod(shape) > MAX_PRINTED:
+        return f"<array of {' × '.join(map(str, shape))}>"
     text = repr(value)
     return text if len(text) <= MAX_PRINTED_TEXT else f"{text[:MAX_PRINTED_TEXT]}…"
 
