@@ -34,8 +34,9 @@ from playwright.sync_api import Browser, Page
 from press_clock import TURNS, UPLOT, page_of, rotated, summary
 from targets import Target
 
-from kalscope import FilterParams, denoise, kalman_filter, starting_params
+from kalscope import FilterParams, denoise, kalman_filter
 from kalscope.catalogue import open_source
+from kalscope.estimation.request import starting_params
 from kalscope_app.engine.filter_runs import choose_samples
 from kalscope_app.views.charts import scale_for
 

@@ -38,10 +38,10 @@ from kalscope import (
     estimate_many,
     fuse,
     kalman_filter,
-    log_likelihood,
     smooth,
     steady_state,
 )
+from kalscope.estimation.likelihood import log_likelihood
 
 Array = NDArray[np.float64]
 Run = Callable[[], Any]

@@ -12,6 +12,7 @@ import inspect
 import re
 import sys
 from functools import cache
+from importlib.metadata import version
 from pathlib import Path
 
 import pytest
@@ -48,7 +49,9 @@ def test_the_same_names_are_listed_imported_and_known_to_a_type_checker():
 def test_every_name_can_be_imported_listed_and_starred():
     everything = {}
     exec("from kalscope import *", everything)
-    assert set(kalscope.__all__) <= set(dir(kalscope)) & set(everything)
+    assert set(kalscope.__all__) <= set(everything)
+    assert set(dir(kalscope)) == {*kalscope.__all__, "__version__", "classic"}
+    assert kalscope.__version__ == version("kalscope")
 
 
 def test_the_page_for_python_documents_every_name():

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from typing import Literal
+from dataclasses import dataclass, field, replace
+from html import escape
+from typing import Any, Literal
 
 import numpy as np
 
@@ -103,7 +104,7 @@ class ReadReport:
     """Those of the notes that the file does not show: any of them may be wrong."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Recording:
     """A recording of one or more channels, sampled together. Immutable."""
 
@@ -130,8 +131,57 @@ class Recording:
     gaps: Gaps = "rows"
     """How its gaps in time are to be filtered; "dt" asks for dt = `steps()`, the others for dt = None."""
 
+    @classmethod
+    def of_samples(cls, samples: Any) -> Recording:
+        """A recording of samples, shape (n,) or (n, channels); of a Series or DataFrame with names and index.
+
+        An index of time stamps or time differences is the time, from 0; other samples are numbered.
+        """
+        values = np.asarray(samples, dtype=float)
+        if values.ndim not in (1, 2):
+            raise BadSetting(f"z must have shape (n,) or (n, channels) (got {values.shape})")
+        names = getattr(samples, "columns", [getattr(samples, "name", None)])
+        names = (
+            list(names) if len(names) == (values.shape[1] if values.ndim == 2 else 1) else [None] * values.shape[1]
+        )
+        index = np.asarray(samples.index) if hasattr(samples, "iloc") else np.arange(len(values))
+        time, period = np.arange(len(values), dtype=float), None
+        if index.dtype.kind in "mM" and len(index):
+            second = np.timedelta64(1, "s")
+            time = (index - index[0]) / second
+            period = float(np.median(np.diff(index) / second)) if len(index) > 1 else None
+        return cls(
+            time,
+            tuple(f"channel {i}" if name is None else str(name) for i, name in enumerate(names, 1)),
+            ("",) * len(names),
+            values.reshape(len(values), -1),
+            period or None,
+        )
+
+    @classmethod
+    def from_frame(cls, frame: Any, sample_period: float | None = None) -> Recording:
+        """A recording of the columns of a DataFrame; an index of time stamps is the time.
+
+        Args:
+            frame: numbers; NaN is a missing sample.
+            sample_period: nominal sample period in s; None = that of the index.
+        """
+        made = cls.of_samples(frame)
+        return made if sample_period is None else replace(made, sample_period=sample_period)
+
     def __len__(self) -> int:
         return len(self.time)
+
+    def __getitem__(self, name: str) -> Array:
+        return self.channel(name)
+
+    def __repr__(self) -> str:
+        names = ", ".join(self.names[:8]) + (f" and {len(self.names) - 8} more" if len(self.names) > 8 else "")
+        every = "" if self.sample_period is None else f" every {self.sample_period:.4g} s"
+        return f"<Recording {self.title or self.source}: {len(self)} samples{every} of {names}>".replace(" :", ":")
+
+    def _repr_html_(self) -> str:
+        return f"<p><b>{escape(repr(self)[1:-1])}</b></p><p>{escape(self.report.read_as)}</p>"
 
     def index(self, name: str) -> int:
         """Column of the channel `name`; BadSetting names the choices."""

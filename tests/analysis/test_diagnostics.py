@@ -10,10 +10,11 @@ import pytest
 from each import each
 from signals import moving
 
-from kalscope import BadSetting, FilterParams, kalman_filter, starting_params
+from kalscope import BadSetting, FilterParams, kalman_filter
 from kalscope.analysis.diagnostics import Diagnostics, diagnose, diagnose_held_out
 from kalscope.analysis.findings import NO_FAULT
 from kalscope.analysis.residuals import correlation, low_frequency_share, nis_band
+from kalscope.estimation.request import starting_params
 
 NORWAY = [560.0, 533, 490, 511, 509, 539, 471, 442, 434, 437, 362, 338, 401, 409, 407, 402, 452]
 NORWAY += [398.0, 378, 381, 332, 323, 325, 281, 283, 305, 255, 303, 352, 304, 341, 275, 312, 280]

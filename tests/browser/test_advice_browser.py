@@ -6,7 +6,8 @@ import numpy as np
 from screen import FIND
 from waiting import wait_until
 
-from kalscope import FilterParams, estimate, kalman_filter, open_source, starting_params
+from kalscope import FilterParams, estimate, kalman_filter, open_source
+from kalscope.estimation.request import starting_params
 from kalscope_app.views.goal import MORE_FOLDER
 
 SPIKY = "synthetic:random_walk?n=3000&sample_period=0.01&sigma=0.2&outliers=0.01&outlier_size=4"

@@ -12,8 +12,9 @@ from line_sender import line_sender
 from screen import FIND, Screen, dashboard
 from waiting import wait_until
 
-from kalscope import kalman_filter, open_source, starting_params, steady_state
+from kalscope import kalman_filter, open_source, steady_state
 from kalscope.common.text import lag_text
+from kalscope.estimation.request import starting_params
 from kalscope_app.views.charts import DARK
 
 pytestmark = pytest.mark.browser

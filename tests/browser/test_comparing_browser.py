@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 from screen import FIND
 
-from kalscope import kalman_filter, open_source, starting_params, steady_state
+from kalscope import kalman_filter, open_source, steady_state
 from kalscope.analysis.alternatives import compare_alternatives
 from kalscope.analysis.spectrum import allan_deviation
 from kalscope.common.text import frequency
+from kalscope.estimation.request import starting_params
 
 pytestmark = pytest.mark.browser
 

@@ -12,9 +12,9 @@ from program import command
 from screen import FIND, Screen
 from waiting import PATIENCE
 
-from kalscope import estimate, kalman_filter, open_source, starting_params, steady_state
+from kalscope import estimate, kalman_filter, open_source, steady_state
 from kalscope.common.text import lag_text
-from kalscope.estimation.request import Request, find_parameters
+from kalscope.estimation.request import Request, find_parameters, starting_params
 from kalscope.papers.reproduction import list_experiments, open_experiment
 from kalscope_app.views.charts import range_text
 from kalscope_app.views.goal import MORE_FOLDER

@@ -8,8 +8,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from kalscope import kalman_filter, open_source, starting_params, steady_state
+from kalscope import kalman_filter, open_source, steady_state
 from kalscope.common.text import lag_text
+from kalscope.estimation.request import starting_params
 from kalscope.tuning.file import load_tuning
 
 pytestmark = pytest.mark.browser

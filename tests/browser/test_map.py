@@ -10,7 +10,8 @@ from PIL import Image
 from screen import pixels
 from waiting import wait_until
 
-from kalscope import kalman_filter, open_source, starting_params
+from kalscope import kalman_filter, open_source
+from kalscope.estimation.request import starting_params
 from kalscope_app.engine.filter_runs import Cache
 from kalscope_app.program.user_settings import UserSettings
 from kalscope_app.session.opening import opened

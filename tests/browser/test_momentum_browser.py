@@ -7,8 +7,8 @@ import pytest
 from screen import FIND
 from waiting import wait_until
 
-from kalscope import FilterParams, kalman_filter, open_source, starting_params
-from kalscope.estimation.request import Request, find_parameters
+from kalscope import FilterParams, kalman_filter, open_source
+from kalscope.estimation.request import Request, find_parameters, starting_params
 from kalscope.estimation.settings import noise_left
 from kalscope_app.session.changes import momentum_at
 from kalscope_app.views.goal import MORE_FOLDER

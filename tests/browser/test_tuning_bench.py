@@ -10,7 +10,8 @@ import pytest
 from screen import FIND
 from waiting import wait_until
 
-from kalscope import denoise, kalman_filter, open_source, starting_params
+from kalscope import denoise, kalman_filter, open_source
+from kalscope.estimation.request import starting_params
 from kalscope_app.session.changes import select_channel, set_text, share_line
 from kalscope_app.session.opening import opened
 from kalscope_app.studies.comparisons import HALF_LANE

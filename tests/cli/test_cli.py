@@ -454,3 +454,16 @@ def test_stdin_understands_what_a_sensor_prints(feed: Callable[[bytes], None], c
     found = [[float(cell) for cell in line.split(",")] for line in capsys.readouterr().out.splitlines()]
     z = np.array([[1.0, 2.0], [3.0, 4.0], [5.0, 6.0]])
     np.testing.assert_array_equal(found, kalman_filter(z, FilterParams(1.0, 2.0)).x)
+
+
+def test_a_number_is_taken_as_it_is_printed_and_h_is_help(log, capsys):
+    outputs = []
+    for q in ("1469", "1 469", "1\u202f469"):
+        assert run(["filter", str(log), "--q", q, "--r", "2"]) == 0
+        outputs.append(capsys.readouterr().out)
+    assert outputs[0] == outputs[1] == outputs[2]
+    for argv in (["-h"], ["tune", "-h"]):
+        assert run(argv) == 0
+        short = capsys.readouterr().out
+        assert run([*argv[:-1], "--help"]) == 0
+        assert capsys.readouterr().out == short

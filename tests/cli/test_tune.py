@@ -466,3 +466,11 @@ def test_two_speeds_are_advised_for_steps_and_filter_as_saved(tmp_path: Path, ca
 def test_two_speeds_are_not_chosen_for_what_one_describes(log: Path, bare: Path, capsys: Captured) -> None:
     for path in (log, bare):
         assert tuned(capsys, str(path), "--two-speeds")["fast"] is None
+
+
+def test_stdin_is_read_to_its_end_as_a_file(log: Path, capsys: Captured, monkeypatch: pytest.MonkeyPatch) -> None:
+    file = tuned(capsys, str(log), "--lag-ms", "50")
+    monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(log.read_bytes())))
+    piped = tuned(capsys, "-", "--lag-ms", "50")
+    assert piped.pop("source") == "-"
+    assert piped == {name: value for name, value in file.items() if name != "source"}

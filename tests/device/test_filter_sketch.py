@@ -13,7 +13,7 @@ from exported_sketch import FAST, MISSING, exported, saved, step_us
 from float32_by_hand import ByHand
 from waiting import PATIENCE
 
-from kalscope import FilterParams
+from kalscope import FilterParams, kalman_filter
 from kalscope.export.board import commands, is_refusal, read_answer
 from kalscope.export.float32 import filter_float32, float32_params
 from kalscope.sources.reading.line_parser import LineParser
@@ -166,6 +166,18 @@ def test_a_sketch_for_another_unit_compiles_only_when_its_sensor_is_written(work
     in_g = (r"return analogRead\((.*)\);", "return analogRead(PINS[channel]) * (2.0f / 1023);")
     assert workshop.sketch(sketch, in_g, OTHER_UNIT).flash > 0
     assert exported(workshop, ChannelTuning("tilt", "ADC counts", 0.1, 4.0), edits=()).flash > 0
+
+
+def test_the_minimal_sketch_prints_raw_and_filtered_and_is_smaller(start_board, workshop, tmp_path):
+    tuning = ChannelTuning("light", "", 0.1, 10.0)
+    small = workshop.sketch(saved(tmp_path, tuning, minimal=True))
+    assert small.flash < exported(workshop, tuning, edits=()).flash
+    counts = [500, 510, 490, 505]
+    board = start_board(small, counts, *FLAT_OUT)
+    lines = [line.decode().split(",") for line in read_lines(board.port, 4)]
+    assert [float(raw) for raw, _ in lines] == counts
+    x = kalman_filter(np.array(counts), tuning.params).x
+    np.testing.assert_allclose([float(filtered) for _, filtered in lines], x, atol=0.006)
 
 
 def test_kalscope_reads_the_sketch_with_its_names(start_board, workshop):

@@ -11,8 +11,8 @@ import pytest
 from each import each
 from scipy.signal import lfilter
 
-from kalscope import FilterParams, denoise, estimate, ratio_for, starting_params, steady_state
-from kalscope.estimation.request import HARDLY, Request, find_parameters, proposed_lag
+from kalscope import FilterParams, denoise, estimate, ratio_for, steady_state
+from kalscope.estimation.request import HARDLY, Request, find_parameters, proposed_lag, starting_params
 from kalscope.estimation.settings import momentum_gain, movement_lost, movement_of, noise_left
 
 N, PERIOD = 2000, 0.02

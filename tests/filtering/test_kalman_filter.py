@@ -12,7 +12,8 @@ from five_lines import assert_same_bits, five_lines
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kalscope import BadSetting, FilterParams, KalmanFilter, denoise, fuse, kalman_filter, smooth, starting_params
+from kalscope import BadSetting, FilterParams, KalmanFilter, denoise, fuse, kalman_filter, smooth
+from kalscope.estimation.request import starting_params
 from kalscope.filtering import kernels
 
 NILE_Q, NILE_R = 1469.1, 15099.0

@@ -10,16 +10,8 @@ import numpy as np
 import pytest
 from each import each
 
-from kalscope import (
-    BadSetting,
-    FilterParams,
-    KalmanFilter,
-    denoise,
-    kalman_filter,
-    log_likelihood,
-    smooth,
-    steady_state,
-)
+from kalscope import BadSetting, FilterParams, KalmanFilter, denoise, kalman_filter, smooth, steady_state
+from kalscope.estimation.likelihood import log_likelihood
 from kalscope.estimation.noise import noise_scale
 
 

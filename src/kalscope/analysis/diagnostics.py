@@ -17,7 +17,7 @@ from kalscope.analysis import residuals as tests
 from kalscope.analysis.correction import MIN_SAMPLES, finite
 from kalscope.analysis.findings import Evidence, Known, advice_text, find_evidence, findings_of
 from kalscope.analysis.residuals import Columns, Run, Spikes
-from kalscope.common.numbers import Array, Indices
+from kalscope.common.numbers import Array, Indices, ShortRepr
 from kalscope.common.text import correlation, count, number, p_value, percent
 from kalscope.errors import BadSetting
 from kalscope.filtering.filter import FilterResult, was_rejected
@@ -33,8 +33,8 @@ ANY_NIS = 1e12
 """Upper end of the band of the mean NIS where too few innovations are scored to expect anything."""
 
 
-@dataclass(frozen=True)
-class Diagnostics:
+@dataclass(frozen=True, repr=False)
+class Diagnostics(ShortRepr):
     """How one channel's innovations differ from white noise N(0, 1). No number is ever NaN.
 
     With too few samples every statistic has the value that a perfect filter would show.

@@ -29,7 +29,7 @@ from kalscope.analysis.findings import (
     as_sentences,
     findings_of,
 )
-from kalscope.common.numbers import Array
+from kalscope.common.numbers import Array, ShortRepr
 from kalscope.common.text import count, decibels, number, percent
 from kalscope.estimation.request import Request
 from kalscope.estimation.result import Estimate, Shared
@@ -71,8 +71,8 @@ class Prediction:
     """The share by which fusing predicts better than the best sensor alone, below 0 if worse; 0 by chance."""
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Judgement:
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
+class Judgement(ShortRepr):
     """Whether a filter fits a record, and what to do where it does not. No number is ever NaN.
 
     It is of a channel, of fused sensors, or of one of these, whose findings are its faults.

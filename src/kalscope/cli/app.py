@@ -38,6 +38,9 @@ COMMANDS = {
 options. The dashboard adds its command."""
 
 
+HELP = {"help_option_names": ["-h", "--help"]}
+
+
 def function_of(name: str) -> Callable[..., Any]:
     """Import the function of a command."""
     module, function = COMMANDS[name][1].split(":")
@@ -47,7 +50,7 @@ def function_of(name: str) -> Callable[..., Any]:
 def command(name: str) -> Any:
     """A command with its options, as typer makes it."""
     only = typer.Typer(add_completion=False, rich_markup_mode=None)
-    only.command(name)(function_of(name))
+    only.command(name, context_settings=HELP)(function_of(name))
     return get_command(only)
 
 
@@ -70,6 +73,7 @@ app = typer.Typer(
     help="Kalscope, an oscilloscope for the scalar Kalman noise filter.\n\n"
     "Without a command it opens the dashboard on the demo recording.",
     add_completion=False,
+    context_settings=HELP,
     rich_markup_mode=None,  # plain help: importing rich takes longer than all the rest
     pretty_exceptions_enable=False,
 )

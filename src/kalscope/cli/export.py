@@ -42,6 +42,9 @@ def export_command(
     calibration: Annotated[
         bool, typer.Option("--calibration", help="Write a sketch that can measure r on command (arduino).")
     ] = False,
+    minimal: Annotated[
+        bool, typer.Option("--minimal", help="Write a sketch without commands: filter and loop only (arduino).")
+    ] = False,
     force: Annotated[bool, typer.Option("--force", help="Overwrite existing files.")] = False,
     reading: ReadOptions = DEFAULTS,
 ) -> None:
@@ -60,7 +63,7 @@ def export_command(
     if sample_period is not None:
         tuned = rescaled_to_period(tuned, sample_period)
     recording = None if vectors is None else open_source(vectors, reading)
-    files = export_tuning(tuned, target, vectors=recording, calibration=calibration)
+    files = export_tuning(tuned, target, vectors=recording, calibration=calibration, minimal=minimal)
     if tuned.fusion is not None:
         fused = ", ".join(tuned.fusion.sensors)
         say(f"note: this is the filter that fuses {fused}; --channel NAME exports that of one channel")

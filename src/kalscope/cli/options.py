@@ -11,6 +11,7 @@ from typing import Annotated, Any, TypeVar
 import typer
 from typer.models import OptionInfo
 
+from kalscope.common.text import without_blanks
 from kalscope.sources.grammar.read_options import options_from_text
 
 Made = TypeVar("Made")
@@ -29,7 +30,7 @@ class BadValue(typer.BadParameter):
 
 def _float(text: str) -> float:
     try:
-        return float(text)
+        return float(without_blanks(str(text)))  # a default is a number already
     except ValueError:
         return math.nan
 

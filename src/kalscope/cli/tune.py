@@ -2,20 +2,32 @@
 
 from __future__ import annotations
 
+import shutil
+import sys
+import tempfile
+from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from kalscope.cli.options import SamplePeriod, Source, read_options, with_options
+from kalscope.cli.options import SamplePeriod, read_options, with_options
 from kalscope.cli.tune_options import NO_FUSION, FusionOptions
 from kalscope.errors import BadSetting
 from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
 
+if TYPE_CHECKING:
+    from kalscope.recording import Recording
+
 
 @with_options(reading=read_options, options=FusionOptions)
 def tune_command(
-    source: Source,
+    source: Annotated[
+        str,
+        typer.Argument(
+            metavar="SOURCE", help='A file, "demo", "sample:NAME", "synthetic:SHAPE?…"; or "-": all of stdin.'
+        ),
+    ],
     channel: Annotated[
         str | None,
         typer.Option(metavar="NAME", help="Channel to tune; default: the first that measures something."),
@@ -45,7 +57,7 @@ def tune_command(
     if every and channel is not None:
         raise BadSetting(f"--all must be used without --channel (got --channel {channel!r})")
     options.refuse_others(channel, every)
-    recording = open_source(source, reading, sample_period=sample_period)
+    recording = (_stdin if source == "-" else open_source)(source, reading, sample_period=sample_period)
     notes = [sample_period_conflict(recording)] if sample_period is not None else []
     with progress_line() as show:
         answers = tune_answer.answers_for(recording, recording.names if every else channel, options, show)
@@ -55,3 +67,15 @@ def tune_command(
     write_output(iter([text]), None)
     for note in filter(None, notes):
         say(f"note: {note}")
+
+
+def _stdin(source: str, reading: ReadOptions, *, sample_period: float | None) -> Recording:
+    """What comes on stdin until it ends, read as a file of text."""
+    from kalscope.sources.reading.recording_file import read_recording
+
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "stdin"
+        with path.open("wb") as file:
+            shutil.copyfileobj(sys.stdin.buffer, file)
+        recording = read_recording(path, reading, sample_period=sample_period)
+    return replace(recording, source=source, title="stdin")

@@ -68,3 +68,26 @@ def bisect(is_below: Callable[[float], bool], low: float, high: float, steps: in
         middle = 0.5 * (low + high)
         low, high = (middle, high) if is_below(middle) else (low, middle)
     return low, high
+
+
+class ShortRepr:
+    """A dataclass that prints its arrays and long tuples by their size."""
+
+    def __repr__(self) -> str:
+        return (
+            f"{type(self).__name__}({', '.join(f'{name}={_short(value)}' for name, value in vars(self).items())})"
+        )
+
+
+def _short(value: Any) -> str:
+    shape: tuple[int, ...] = getattr(value, "shape", ())
+    if math.prod(shape) > MAX_PRINTED:
+        return f"<array of {' × '.join(map(str, shape))}>"
+    text = repr(value)
+    return text if len(text) <= MAX_PRINTED_TEXT else f"{text[:MAX_PRINTED_TEXT]}…"
+
+
+MAX_PRINTED = 8
+"""Items of an array that are printed one by one."""
+MAX_PRINTED_TEXT = 200
+"""Characters of a value that are printed."""

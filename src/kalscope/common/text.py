@@ -182,13 +182,18 @@ def escaped(text: str) -> str:
     return CONTROL.sub(lambda match: f"\\u{ord(match[0]):04x}", text)
 
 
+def without_blanks(text: str) -> str:
+    """The text of a number without the blanks between thousands, and with "-" for a minus sign."""
+    return re.sub(r"(?<=\d)[ \u202f](?=\d{3}(?!\d))", "", text.strip().replace("−", "-"))
+
+
 def typed_number(name: str, text: str) -> float:
     """The number that a user typed for `name`; a decimal comma, "−" and thin spaces are allowed.
 
     Raises:
         BadSetting: it is not a finite number, or so small that it would become 0.
     """
-    plain = re.sub(r"(?<=\d)[ \u202f](?=\d{3}(?!\d))", "", text.strip().replace("−", "-"))
+    plain = without_blanks(text)
     if re.fullmatch(r"[-+]?[1-9]\d{0,2}(,\d{3})+", plain):
         raise BadSetting(f"{name} must be written without a comma for thousands: 1000 or 1.0 (got {text[:40]!r})")
     try:

@@ -38,6 +38,9 @@ def estimate(
     momentum: float | Literal["auto"] = "auto",
     robust: bool | Literal["auto"] = "auto",
     two_speeds: bool = False,
+    *,
+    r: float | None = None,
+    ratio: float | None = None,
 ) -> Estimate:
     """Find q, r and momentum in a record, with intervals and a verdict in words.
 
@@ -56,6 +59,8 @@ def estimate(
             False.
         two_speeds: whether a filter with two speeds is used, calm at rest and quick while the signal moves, where
             the record shows them clearly: by 1.5 ln n + 3 in log-likelihood, and by its prediction errors.
+        r: the variance of the measurement noise where it is known, unit², > 0: only q is estimated, no momentum.
+        ratio: λ = q/r where it is chosen, > 0: only r is estimated, no momentum.
 
     Returns:
         An Estimate; its `params` are None where the record gives no usable pair, and its `message` says why.
@@ -71,6 +76,17 @@ def estimate(
         raise BadSetting(f"method must be one of {', '.join(METHODS)} (got {method!r})")
 
     tau = checked_momentum(momentum, method)
+    if r is not None or ratio is not None:
+        if (r is not None and ratio is not None) or method != "ml" or tau:
+            raise BadSetting(
+                f"r or ratio must be given alone, without method and momentum (got r = {r}, ratio = {ratio}, "
+                f"method = {method!r}, momentum = {momentum!r})"
+            )
+        return (
+            estimate_fixed_r(z, r, dt, robust)
+            if r is not None
+            else estimate_fixed_ratio(z, ratio or 0.0, dt, robust)
+        )
 
     def walk(data: Differences, progress: Progress) -> Estimate:
         peak = methods.search(data, progress.part(0.0, 0.9))

@@ -10,7 +10,7 @@ from typing import Any, Literal, cast
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from kalscope.common.numbers import Array, Indices, Mask
+from kalscope.common.numbers import Array, Indices, Mask, ShortRepr
 from kalscope.common.progress import Progress
 from kalscope.errors import BadSetting
 from kalscope.estimation import kernels
@@ -52,8 +52,8 @@ negative or not finite), for which `estimate` raises an error."""
 _USABLE_CODES = [VERDICTS.index(name) for name in USABLE]
 
 
-@dataclass(frozen=True)
-class EstimateTable:
+@dataclass(frozen=True, repr=False)
+class EstimateTable(ShortRepr):
     """q, r and the related results of k series, arrays of shape (k,). No number is NaN; see `Estimate`."""
 
     q: Array

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from kalscope.common.numbers import ShortRepr
 from kalscope.filtering.params import FilterParams
 
 # Estimate: the result of every method.
@@ -26,8 +27,8 @@ class Shared:
     """By how much it raises twice the log-likelihood."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Estimate:
+@dataclass(frozen=True, kw_only=True, repr=False)
+class Estimate(ShortRepr):
     """q, r and momentum of a record, or of several sensors of one quantity, with their uncertainty.
 
     No field is ever NaN. Where the record cannot give a usable filter `params` is None, `verdict` is not "ok", and

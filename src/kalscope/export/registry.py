@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
+from difflib import get_close_matches
 from pathlib import Path, PurePosixPath
 from types import MappingProxyType
 from typing import Literal
@@ -144,6 +145,7 @@ def export_tuning(
     vectors: Recording | None = None,
     sample_period: float | None = None,
     calibration: bool = False,
+    minimal: bool = False,
 ) -> dict[str, str]:
     """The files of one target.
 
@@ -155,6 +157,7 @@ def export_tuning(
         vectors: The recording whose first samples, filtered, are added as `groundtruth.csv`; None = none.
         sample_period: Time between two samples on the device, s: q is converted to it; None = the tuning's.
         calibration: Add code that measures r on the device on command (arduino).
+        minimal: Leave out the commands and the exact digits (arduino): filter and loop only.
 
     Returns:
         The texts by file name. A name is one plain word without a folder; a text is ASCII.
@@ -165,7 +168,8 @@ def export_tuning(
             not positive, or the tuning does not know its own.
     """
     if target not in TARGETS:
-        raise BadSetting(f"target must be one of {', '.join(TARGETS)} (got {target!r})")
+        near = "".join(f"; did you mean {name}?" for name in get_close_matches(target, TARGETS, 1))
+        raise BadSetting(f"target must be one of {', '.join(TARGETS)} (got {target!r}{near})")
     chosen = tuning.only(channel)
     job = job_of(chosen if sample_period is None else rescaled_to_period(chosen, sample_period))
     for need, words, instead in _NEEDS:
@@ -176,7 +180,11 @@ def export_tuning(
         able = " or ".join(name for name, each in TARGETS.items() if each.can_calibrate)
         got = "fused sensors" if job.fuses else target
         raise BadSetting(f"calibration must be for {able} and the filters of channels (got {got})")
-    files = TARGETS[target].files(job, **({"calibration": True} if calibration else {}))
+    if minimal and (calibration or job.fuses or target != "arduino"):
+        got = "calibration" if calibration else "fused sensors" if job.fuses else target
+        raise BadSetting(f"minimal must be for arduino, the filters of channels and no calibration (got {got})")
+    extra = {name: True for name, on in (("calibration", calibration), ("minimal", minimal)) if on}
+    files = TARGETS[target].files(job, **extra)
     if vectors is not None:
         files |= vector_files(job, vectors)
     return files

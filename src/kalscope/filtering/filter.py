@@ -10,7 +10,7 @@ from typing import Any, ClassVar, Protocol, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from kalscope.common.numbers import Array, Indices, Mask
+from kalscope.common.numbers import Array, Indices, Mask, ShortRepr
 from kalscope.errors import BadSetting
 from kalscope.filtering import kernels, two_speeds
 from kalscope.filtering.params import (
@@ -43,8 +43,8 @@ _PLAIN_STEP, _TRANSITION = kernels.step.py_func, kernels.transition.py_func
 """Without momentum one reading takes less time as plain Python, the same to the last bit, than a compiled call."""
 
 
-@dataclass(frozen=True)
-class FilterResult:
+@dataclass(frozen=True, repr=False)
+class FilterResult(ShortRepr):
     """What the filter computed.
 
     Of one sensor all arrays have the shape of z, (n,) or (n, channels: independent filters). Of several sensors
@@ -90,8 +90,8 @@ class FilterResult:
         return replace(self, **kept, params=None, dt=None)
 
 
-@dataclass(frozen=True)
-class SmootherResult:
+@dataclass(frozen=True, repr=False)
+class SmootherResult(ShortRepr):
     """What `smooth` computed; shapes as in `FilterResult`."""
 
     x: Array
@@ -297,21 +297,45 @@ def was_rejected(k: Array, p: Array, innovation: Array) -> Mask:
     return (k == 0.0) & (p > 0.0) & np.isfinite(innovation)
 
 
-def kalman_filter(z: ArrayLike, params: FilterParams, dt: ArrayLike | None = None) -> FilterResult:
+def like_series(z: Any, x: Array) -> Any:
+    """The array x; where z is a Series, a Series with its index and name."""
+    return type(z)(x, index=z.index, name=z.name) if hasattr(z, "iloc") and x.ndim == 1 else x
+
+
+def _params_of(params: FilterParams | None, q: float | None, r: float | None) -> FilterParams:
+    """The parameters, or those of q and r."""
+    if params is not None and q is None and r is None:
+        return params
+    if params is not None or q is None or r is None:
+        raise BadSetting(f"the filter needs params, or q and r (got params = {params}, q = {q}, r = {r})")
+    return FilterParams(q, r)
+
+
+def kalman_filter(
+    z: ArrayLike,
+    params: FilterParams | None = None,
+    dt: ArrayLike | None = None,
+    *,
+    q: float | None = None,
+    r: float | None = None,
+) -> FilterResult:
     """Filter a record and keep the whole state at each sample.
 
     Args:
         z: measurements, shape (n,) or (n, channels: independent filters), or with an r per sensor (n, sensors);
             NaN is a missing one.
-        params: the model.
+        params: the model; None = that of q and r.
         dt: nominal sample periods that elapse before each sample, shape (n,), ≥ 0; None = 1 each. dt[0] = 0
             puts the prior at the first sample.
+        q: process-noise variance per sample, unit², in place of params.
+        r: measurement-noise variance, unit², in place of params.
 
     Raises:
-        BadSetting: z holds inf or has another shape; dt or params do not fit z.
+        BadSetting: z holds inf or has another shape; dt or params do not fit z; params and q, or neither.
 
     Source: Ma'arif et al. (2019), equations (11)–(15); Durbin & Koopman (2012), section 2.2.
     """
+    params = _params_of(params, q, r)
     columns = _columns(z, params)
     given: dict[str, Any] = {"params": params, "dt": None if dt is None else steps_of(dt, len(samples_of(z)))}
     if columns is None:
@@ -343,21 +367,32 @@ def fuse(z: ArrayLike, params: FilterParams, dt: ArrayLike | None = None) -> Fil
     return KalmanFilter(params).run(z, dt)
 
 
-def denoise(z: ArrayLike, params: FilterParams, dt: ArrayLike | None = None, out: Array | None = None) -> Array:
+def denoise(
+    z: Any,
+    params: FilterParams | None = None,
+    dt: ArrayLike | None = None,
+    out: Array | None = None,
+    *,
+    q: float | None = None,
+    r: float | None = None,
+) -> Any:
     """The filtered signal only, as fast as memory allows; within 1e-12 · max|z| of `kalman_filter`.
 
     Args:
         z: measurements, shape (n,) or (n, channels), or with an r per sensor (n, sensors); NaN is a missing one.
-        params: the model.
+        params: the model; None = that of q and r.
         dt: nominal sample periods before each sample, shape (n,), ≥ 0; None = 1 each.
         out: float64 array of the result's shape to write into (may be z itself); None = a new one.
+        q: process-noise variance per sample, unit², in place of params.
+        r: measurement-noise variance, unit², in place of params.
 
     Returns:
-        x, float64, shape of z, or (n,) of several sensors.
+        x, float64, shape of z, or (n,) of several sensors; of a Series a Series with its index.
 
     Raises:
-        BadSetting: z holds inf or has another shape; dt, params or out do not fit z.
+        BadSetting: z holds inf or has another shape; dt, params or out do not fit z; params and q, or neither.
     """
+    params = _params_of(params, q, r)
     columns = _columns(z, params)
     samples = samples_of(z)
     shape = samples.shape if params.reads_x else samples.shape[:1]
@@ -375,7 +410,7 @@ def denoise(z: ArrayLike, params: FilterParams, dt: ArrayLike | None = None, out
     else:
         target[:] = KalmanFilter(params).run(samples, dt).x
     if out is None:
-        return target
+        return like_series(z, target)
     if not direct:
         out[...] = target
     return out

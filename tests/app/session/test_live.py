@@ -10,7 +10,8 @@ from feed import Board
 from frames import frame_of
 from waiting import wait_until
 
-from kalscope import BadSetting, Recording, kalman_filter, starting_params
+from kalscope import BadSetting, Recording, kalman_filter
+from kalscope.estimation.request import starting_params
 from kalscope.filtering.classic import Chain, OneEuro
 from kalscope.tuning.tuning import ChannelTuning, Tuning
 from kalscope_app.engine.engine import Engine, Part

@@ -10,16 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kalscope import (
-    BadFile,
-    BadSetting,
-    FilterParams,
-    Recording,
-    kalman_filter,
-    open_source,
-    read_recording,
-    starting_params,
-)
+from kalscope import BadFile, BadSetting, FilterParams, Recording, kalman_filter, open_source, read_recording
+from kalscope.estimation.request import starting_params
 from kalscope.filtering.params import MAX_MOMENTUM
 from kalscope.sources.samples import list_samples
 from kalscope.tuning.file import dumps

@@ -10,7 +10,8 @@ from functools import partial
 import numpy as np
 import pytest
 
-from kalscope import FilterParams, Recording, estimate, log_likelihood, steady_state, synthesize
+from kalscope import FilterParams, Recording, estimate, steady_state, synthesize
+from kalscope.estimation.likelihood import log_likelihood
 from kalscope_app.engine.filter_runs import Cache
 from kalscope_app.session.changes import set_exponent, set_point, set_text, set_window
 from kalscope_app.session.opening import opened

@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 from each import each
 
-from kalscope import BadSetting, estimate, estimate_fixed_r, estimate_fixed_ratio, estimate_many
+from kalscope import BadSetting, estimate, estimate_many
 from kalscope.errors import Cancelled
 from kalscope.estimation import kernels
 from kalscope.estimation import many as estimate_many_module
+from kalscope.estimation.fit import estimate_fixed_r, estimate_fixed_ratio
 from kalscope.estimation.many import Series, pair_intervals
 
 NAN = np.nan

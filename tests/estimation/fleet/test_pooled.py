@@ -9,7 +9,8 @@ import pytest
 from each import each
 from fleets import fleet
 
-from kalscope import BadSetting, estimate, estimate_fixed_ratio
+from kalscope import BadSetting, estimate
+from kalscope.estimation.fit import estimate_fixed_ratio
 from kalscope.estimation.likelihood import DEFAULT_LOG_RATIOS, differences
 from kalscope.estimation.pool import Pool, fit_pool, pool_at, pool_of
 

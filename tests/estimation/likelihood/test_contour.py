@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from signals import walk
 
-from kalscope import FilterParams, estimate, log_likelihood, open_source
-from kalscope.estimation.likelihood import DROP_95, likelihood_contour
+from kalscope import FilterParams, estimate, open_source
+from kalscope.estimation.likelihood import DROP_95, likelihood_contour, log_likelihood
 
 
 def drops(z, contour, best, dt=None):

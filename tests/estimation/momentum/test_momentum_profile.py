@@ -9,7 +9,8 @@ import pytest
 from each import each
 from signals import moving
 
-from kalscope import FilterParams, log_likelihood
+from kalscope import FilterParams
+from kalscope.estimation.likelihood import log_likelihood
 from kalscope.estimation.momentum import likelihood_profile
 
 

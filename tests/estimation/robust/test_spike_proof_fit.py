@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from each import each
 
-from kalscope import BadSetting, estimate, estimate_fixed_r, estimate_fixed_ratio, kalman_filter
+from kalscope import BadSetting, estimate, kalman_filter
+from kalscope.estimation.fit import estimate_fixed_r, estimate_fixed_ratio
 from kalscope.estimation.spikes import MAX_SHARE, SIGMAS
 from kalscope.filtering.kernels import GATE_LIMIT
 

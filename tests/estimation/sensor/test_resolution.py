@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 from each import each
 
-from kalscope import estimate, kalman_filter, log_likelihood, steady_state
+from kalscope import estimate, kalman_filter, steady_state
 from kalscope.common.text import percent
+from kalscope.estimation.likelihood import log_likelihood
 from kalscope.estimation.noise import resolution_of
 
 WALK = np.cumsum(np.random.default_rng(0).normal(0, 0.1, 3000))

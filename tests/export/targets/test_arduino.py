@@ -6,7 +6,7 @@ import pytest
 
 from kalscope.errors import BadSetting
 from kalscope.export.job import ExportJob, job_of
-from kalscope.export.registry import limits_of
+from kalscope.export.registry import export_tuning, limits_of
 from kalscope.export.targets.arduino import files
 from kalscope.tuning.tuning import ChannelTuning, Tuning
 
@@ -44,3 +44,12 @@ def test_the_sketch_runs_at_the_period_that_q_belongs_to_and_names_its_columns()
     two = files(ExportJob((ChannelTuning("a", "", 1.0, 1.0), ChannelTuning("b", "", 1.0, 1.0))))
     assert 'println(F("# a,a_filtered,b,b_filtered"))' in two["kalscope_filter.ino"]
     assert "PERIOD_US = 5000;  // between samples; a guess" in two["kalscope_filter.ino"]
+
+
+def test_only_a_sketch_of_channels_can_be_minimal():
+    one = Tuning((ChannelTuning("light", "", 1.0, 1.0),))
+    pair = Tuning(one.channels, fusion=ChannelTuning("both", "", 1.0, (1.0, 2.0), sensors=("light", "b")))
+    assert "listen" not in export_tuning(one, "arduino", minimal=True)["kalscope_filter.ino"]
+    for tuning, target, calibration in ((one, "c", False), (one, "arduino", True), (pair, "arduino", False)):
+        with pytest.raises(BadSetting, match="minimal must be for arduino"):
+            export_tuning(tuning, target, minimal=True, calibration=calibration)

@@ -94,7 +94,7 @@ def test_python_gives_the_bits_of_fuse(case, tmp_path):
     write(exported(case, "python"), tmp_path)
     fusion, z = CASES[case], readings(4, CASES[case])
     made = runpy.run_path(str(tmp_path / "kalscope_fusion.py"))["FUSION"]
-    answers = np.array([(made.update(row), made.p, *made.k) for row in z.tolist()])
+    answers = np.array([(made.update(row), made.p, *made.k) for row in np.nan_to_num(z, nan=-np.inf).tolist()])
     expected = fuse(z, fusion.params)
     np.testing.assert_array_equal(answers[:, 0], expected.x)
     np.testing.assert_array_equal(answers[:, 1], expected.p)

@@ -58,3 +58,9 @@ def test_a_board_is_found_again_under_another_name_by_its_serial_number(monkeypa
     first = opened(LostPort(), path="/dev/ttyACM0")
     listed[0] = PortInfo("/dev/ttyACM7", "Uno", "75")
     assert opened(LostPort(), first, "/dev/ttyACM0").device == "/dev/ttyACM7"
+
+
+def test_what_is_no_port_says_so(tmp_path):
+    (tmp_path / "log.csv").write_text("1\n")
+    with pytest.raises(BadDevice, match="must be a serial port"):
+        SerialPort(PortSpec(str(tmp_path / "log.csv")), bool, None)

@@ -35,9 +35,9 @@ void loop() {}
 """
 
 
-def saved(folder: Path, *channels: ChannelTuning, calibration: bool = False) -> Path:
+def saved(folder: Path, *channels: ChannelTuning, **kind: bool) -> Path:
     """The sketch of an export of channels, or of one fusion, as it leaves."""
-    texts = files(ExportJob(channels, sample_period=0.005), calibration=calibration)
+    texts = files(ExportJob(channels, sample_period=0.005), **kind)
     folder.mkdir(exist_ok=True)
     for name, text in texts.items():
         (folder / name).write_text(text, encoding="ascii")

@@ -39,12 +39,13 @@ UNIT_CHECK = """\
 """Stops the compiler until the sketch reads what its filter was tuned for; constant, without names from outside."""
 
 
-def files(job: ExportJob, *, calibration: bool = False) -> dict[str, str]:
+def files(job: ExportJob, *, calibration: bool = False, minimal: bool = False) -> dict[str, str]:
     """`KalscopeFilter.h` and `kalscope_filter.ino`, or `KalscopeFusion.h` and `kalscope_fusion.ino`.
 
     Args:
         job: The filters, or a fusion.
         calibration: With a sketch that measures r itself, and `KalscopeCalibration.h`; not for a fusion.
+        minimal: With a sketch that only reads, filters and prints; not for a fusion.
 
     Raises:
         BadSetting: float32 cannot hold a value, an Uno does not have enough analogue pins, or the period is out of
@@ -54,7 +55,7 @@ def files(job: ExportJob, *, calibration: bool = False) -> dict[str, str]:
     if count > ANALOGUE_PINS:
         raise BadSetting(f"the sketch must read 1 to {ANALOGUE_PINS} {what} (got {count}): take fewer, or export c")
     name = "Fusion" if job.fuses else "Filter"
-    sketch = _sketch(job, calibration=calibration)
+    sketch = _sketch(job, calibration=calibration, minimal=minimal)
     return {
         f"Kalscope{name}.h": _header(job),
         f"kalscope_{name.lower()}.ino": sketch,
@@ -141,7 +142,7 @@ def _header(job: ExportJob) -> str:
     )
 
 
-def _sketch(job: ExportJob, *, calibration: bool = False) -> str:
+def _sketch(job: ExportJob, *, calibration: bool = False, minimal: bool = False) -> str:
     marks = job.marks.union(["calibration"] if calibration else [])
     names, foreign = job.identifiers, any(map(is_not_in_counts, job.channels))
     read = job.sensor_identifiers if job.fuses else names
@@ -156,7 +157,7 @@ def _sketch(job: ExportJob, *, calibration: bool = False) -> str:
     constants = [_constant_name(job, word) for word, _ in job.named_channels]
     ratio_names = ", ".join(map(_ratio_name, names))
     return fill_template(
-        f"arduino/kalscope_{'fusion' if job.fuses else 'filter'}.ino",
+        "arduino/minimal.ino" if minimal else f"arduino/kalscope_{'fusion' if job.fuses else 'filter'}.ino",
         marks,
         about=commented(about(job), "//").rstrip(),
         pin_words=" ".join(pins),

@@ -33,7 +33,7 @@ for kk = 1:numel(z)
 @momentum     Wk = e * e * Wk + Q22;
 @momentum     xk = xk + f * vk;
 @momentum     vk = e * vk;
-    if isnan(zk)
+    if ~isfinite(zk)
         % missing sample: predict only
     elseif isinf(Pk)
         xk = zk; Pk = R; Kk = 1; refused = 0;

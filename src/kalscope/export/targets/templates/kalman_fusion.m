@@ -37,7 +37,7 @@ for kk = 1:size(z, 1)
         zk = (double(z(kk, ii)) - b(ii)) / c(ii);  % integers would round what follows
         s = Pk + R(ii);
         Kk = 0;
-        if isnan(zk) || (s == 0 && ~isnan(xk))
+        if ~isfinite(zk) || (s == 0 && ~isnan(xk))
             % no reading, or both claim to be exact: keep the value
         elseif isinf(Pk)
             xk = zk; Pk = R(ii); Kk = 1; refused(ii) = 0;

@@ -22,7 +22,7 @@ for kk = 1:numel(z)
     moving = $share + $lasting * (moving - $share);
     Pk = before + Q + moving * (fast * Q - Q);
     S = Pk + R * (1 + spikes * ($spike - 1));
-    if isnan(zk)
+    if ~isfinite(zk)
         % missing sample: predict only
     elseif isinf(before)
         xk = zk; Pk = R; Kk = 1;

@@ -15,7 +15,7 @@ static kalscope_real kalscope_butterworth(kalscope_filter *filter, kalscope_real
 {
     const kalscope_tuning *tuning = &filter->tuning;
     kalscope_real before, slope, apart, step;
-    if (isnan(z)) return filter->x;
+    if (!isfinite(z)) return filter->x;
     if (isnan(filter->x)) filter->base = z;
     before = filter->base;
     slope = filter->slope;

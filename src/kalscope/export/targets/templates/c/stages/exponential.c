@@ -10,7 +10,7 @@
 static kalscope_real kalscope_exponential(kalscope_filter *filter, kalscope_real z)
 {
     kalscope_real before, step;
-    if (isnan(z)) return filter->x;
+    if (!isfinite(z)) return filter->x;
     if (isnan(filter->x)) filter->x = z;
     before = filter->x;
     step = filter->rest + filter->tuning.alpha * ((z - before) - filter->rest);

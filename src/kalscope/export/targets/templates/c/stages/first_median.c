@@ -6,7 +6,7 @@
 === start
     filter->first_place = -1;
 === before
-    if (filter->tuning.median > 1 && !isnan(z)) {
+    if (filter->tuning.median > 1 && isfinite(z)) {
         z = kalscope_middle(z, filter->first_place < 0, filter->tuning.median, filter->first_recent,
                             filter->first_ordered, &filter->first_place);
     }

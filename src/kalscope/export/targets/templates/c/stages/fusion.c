@@ -97,7 +97,7 @@ ${linkage}kalscope_fusion_real kalscope_fusion_update(
     for (int i = 0; i < KALSCOPE_SENSORS; i++, valid >>= 1) {
         const kalscope_fusion_real z = $reading;
         fusion->k[i] = 0;
-        if ((valid & 1) && !isnan(z)) take(fusion, i, z);
+        if ((valid & 1) && isfinite(z)) take(fusion, i, z);
     }
     return fusion->x;
 }

@@ -52,7 +52,7 @@ $update(kalscope_filter *filter, kalscope_real z)
 @momentum     filter->x = filter->x + tuning->f * filter->velocity;
 @momentum     filter->velocity = tuning->e * filter->velocity;
     filter->k = 0;
-    if (isnan(z)) return filter->x;
+    if (!isfinite(z)) return filter->x;
     if (isinf(predicted)) { /* nothing was known: accept the first sample */
         filter->k = 1;
         filter->p = tuning->r;

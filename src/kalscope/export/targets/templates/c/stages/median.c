@@ -11,7 +11,7 @@
 /* Median. */
 static kalscope_real kalscope_median(kalscope_filter *filter, kalscope_real z)
 {
-    if (isnan(z)) return filter->x;
+    if (!isfinite(z)) return filter->x;
     filter->x = kalscope_middle(z, isnan(filter->x), filter->tuning.window, filter->recent, filter->ordered,
                                 &filter->place);
     return filter->x;

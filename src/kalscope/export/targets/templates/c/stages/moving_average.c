@@ -15,7 +15,7 @@
 /* Moving average. Once per pass through the window its sum is replaced by a new one: no rounding error lasts longer. */
 static kalscope_real kalscope_moving_average(kalscope_filter *filter, kalscope_real z)
 {
-    if (isnan(z)) return filter->x;
+    if (!isfinite(z)) return filter->x;
     if (filter->place == 0) {
         filter->next_level = z;
         filter->next_total = 0;

@@ -18,7 +18,7 @@ static kalscope_real kalscope_one_euro(kalscope_filter *filter, kalscope_real z)
     const kalscope_real most = (kalscope_real)1e30; /* beyond it the sample itself */
     const kalscope_real before = filter->x, elapsed = filter->elapsed + 1;
     filter->elapsed = elapsed;
-    if (isnan(z)) return before;
+    if (!isfinite(z)) return before;
     filter->elapsed = 0;
     if (isnan(before)) {
         filter->x = z;

@@ -50,10 +50,10 @@ static kalscope_real kalscope_two_speeds(kalscope_filter *filter, kalscope_real 
 
     filter->moving = moving;
     filter->k = 0;
-    if (isnan(z) || isinf(before) || isnan(filter->x)) {
+    if (!isfinite(z) || isinf(before) || isnan(filter->x)) {
         const kalscope_real ahead = before + q + moving * (grown - q);
         filter->p = ahead;
-        if (isnan(z)) return filter->x;
+        if (!isfinite(z)) return filter->x;
         /* The first sample: p continues from p0, or is r where nothing was known. */
         filter->k = isinf(before) ? 1 : ahead / (ahead + r * (1 + spikes * ($spike - 1)));
         filter->p = filter->k * r;
