@@ -22,7 +22,7 @@ def test_two_speeds_are_added_from_the_verdict_seen_dragged_and_undone(start, tm
     expected = kalman_filter(z, params)
     screen.wait_for_line("filtered", expected.x, 1e-9)
     screen.wait_for_line("probability of moving", expected.moving, 1e-9)
-    screen.page.get_by_text("Two speeds explain this record clearly better than one.").wait_for()
+    screen.page.get_by_text("Two speeds explain this record clearly better than one.").first.wait_for()
     screen.shot("two-speeds")
     screen.page.get_by_role("button", name=MORE_FOLDER).click()
     screen.type("fast factor", "1000")

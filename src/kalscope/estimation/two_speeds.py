@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.optimize import minimize
 
 from kalscope.common.numbers import Array
 from kalscope.common.text import number, percent
@@ -84,6 +83,8 @@ def fit_two_speeds(z: Array, steps: Array, one: FilterParams) -> TwoSpeeds:
         ratio, size, spikes, *moving = np.exp(limited).tolist()
         r, spikes = size * float(one.r), spikes if spikes > NONE else 0.0
         return FilterParams(ratio * r, r, fast=max(moving[0] / ratio, 1.0) if moving else 1.0, spikes=spikes)
+
+    from scipy.optimize import minimize
 
     def search(begin: Any, evaluations: int) -> tuple[float, list[float]]:
         options: Any = {"maxfev": evaluations, "xatol": 0.02, "fatol": 0.02}

@@ -304,8 +304,8 @@ def like_series(z: Any, x: Array) -> Any:
 
 def _params_of(params: FilterParams | None, q: float | None, r: float | None) -> FilterParams:
     """The parameters, or those of q and r."""
-    if params is not None and q is None and r is None:
-        return params
+    if q is None and r is None:
+        return require_params(params)
     if params is not None or q is None or r is None:
         raise BadSetting(f"the filter needs params, or q and r (got params = {params}, q = {q}, r = {r})")
     return FilterParams(q, r)
@@ -375,7 +375,7 @@ def denoise(
     *,
     q: float | None = None,
     r: float | None = None,
-) -> Any:
+) -> Array:
     """The filtered signal only, as fast as memory allows; within 1e-12 · max|z| of `kalman_filter`.
 
     Args:
