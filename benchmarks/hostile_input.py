@@ -274,7 +274,7 @@ class HostileBoards:
 
 
 class WebAttacks:
-    """The attacks of docs/project/security.md, one after the other."""
+    """The attacks of tests/support/browsers/attack_table.py, one after the other."""
 
     def __init__(self, victim: Victim, tally: Tally) -> None:
         self._victim, self._tally, self._number = victim, tally, 0

@@ -3,9 +3,9 @@
 A board on a pseudo-terminal sends 1,000 numbered lines a second to the real dashboard, which records them. Beside
 it the files of `tests/support/hostile` are opened and uploaded, small and large, every fourth cancelled and each
 followed by a good one; the boards are recorded by `kalscope record`, every other one ended in the middle; and the
-attacks of docs/project/security.md are carried out. Exit status 1 where a line of the good board is lost, where
-an input has another result than it must, where memory grows by more than the samples that are kept, where the end
-takes more than 2 s, or where a process or a temporary file is left.
+attacks of tests/support/browsers/attack_table.py are carried out. Exit status 1 where a line of the good board is
+lost, where an input has another result than it must, where memory grows by more than the samples that are kept,
+where the end takes more than 2 s, or where a process or a temporary file is left.
 
     python benchmarks/soak_hostile.py [--json] [--minutes 30] [--rate 1000] [--channels 2] [--every 30]
 """

@@ -1,4 +1,4 @@
-"""What viser itself costs when a slider redraws a chart, one small case each: docs/project/viser-performance.md.
+"""What viser itself costs when a slider redraws a chart, one small case each.
 
 A stock viser server runs in this process, a Chromium beside it; nothing of the dashboard is involved. Each case
 prints its own table.

@@ -2,7 +2,7 @@
 
 The flex sensor of the demo with and without momentum: at the values of maximum likelihood, and at equal noise
 reduction, where it helps and where it hurts. Its truth is known, so the error is measured. With a path as argument
-the picture of docs/theory/momentum.md is written there: python examples/04_momentum.py docs/pictures/momentum.svg
+the picture of docs/theory.md is written there: python examples/04_momentum.py docs/pictures/momentum.svg
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
 Three sensors of a signal whose truth is known: their noises and offsets are found from the readings alone, and
 the fused value is compared with the truth beside each sensor's own filter. With a path as argument the picture of
-docs/reference/fusion.md is written there: python examples/05_fusion.py docs/pictures/fusion.svg
+docs/fusion.md is written there: python examples/05_fusion.py docs/pictures/fusion.svg
 """
 
 from __future__ import annotations

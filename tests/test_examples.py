@@ -44,7 +44,7 @@ def test_an_example_runs_and_says_something(example, printed):
 def test_the_momentum_page_shows_what_its_example_prints(printed):
     """Lag, overshoot and error of every row to three digits, and the picture."""
     said, picture = printed(ROOT / "examples" / "04_momentum.py")
-    page = (ROOT / "docs" / "theory" / "momentum.md").read_text("utf-8").splitlines()
+    page = (ROOT / "docs" / "theory.md").read_text("utf-8").splitlines()
     shown = [re.findall(r"\d+(?:\.\d+)?", line) for line in page if line[:1] == "|"]
     rows = [line.split() for line in said.splitlines() if " ms" in line]
     assert len(rows) == 11

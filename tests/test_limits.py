@@ -1,4 +1,4 @@
-"""Each figure of docs/project/limits.md is the constant that is named beside it."""
+"""Each figure of limits.md is the constant that is named beside it."""
 
 import re
 from importlib import import_module
@@ -6,11 +6,11 @@ from pathlib import Path
 
 from each import each
 
-PAGE = Path(__file__).parents[1] / "docs" / "project" / "limits.md"
+PAGE = Path(__file__).with_name("limits.md")
 SIZES = {"KiB": 1 << 10, "MiB": 1 << 20, "GiB": 1 << 30}
 ROW = re.compile(r"\| ([^|]+) \| ([^|]+) \| ([^|]+) \| `([\w.]+)\.(\w+)` \|")
 FIGURE = re.compile(r"([0-9][0-9,.]*) ?(KiB|MiB|GiB)?")
-LIMITS, _, _ = PAGE.read_text("utf-8").partition("## Hostile files")
+LIMITS = PAGE.read_text("utf-8")
 ROWS = ROW.findall(LIMITS)
 
 

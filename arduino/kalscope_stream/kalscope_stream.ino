@@ -1,7 +1,7 @@
 // kalscope_stream: sends sensor readings to Kalscope, over the USB cable, at a steady rate.
 //
 // 1. Set the values below. 2. Upload. 3. Close the Serial Monitor. 4. Open the port in Kalscope at the same BAUD.
-// How to wire a sensor, and more on each step: docs/boards/arduino.md of Kalscope.
+// How to wire a sensor, and more on each step: docs/live-board.md of Kalscope.
 //
 // One line per sample, the name of each channel before its value, so Kalscope can start listening at any moment:
 //   light:512*72

@@ -152,16 +152,6 @@ def test_json_says_what_the_library_says(capsys: Captured) -> None:
     assert len(judged["prediction"]["single"]) == 3
 
 
-@pytest.mark.slow
-def test_the_page_on_fusion_shows_what_the_command_prints(capsys: Captured) -> None:
-    page = (Path(__file__).parents[2] / "docs" / "reference" / "fusion.md").read_text(encoding="utf-8")
-    example = page[page.index("    $ kalscope") : page.index("![Three level")]
-    command, *shown = [line.removeprefix("    ") for line in example.rstrip().splitlines()]
-    assert run(command.split()[2:]) == 0
-    printed = capsys.readouterr().out.splitlines()
-    assert shown == printed[2 : 2 + len(shown)]  # below how the file was read
-
-
 @pytest.mark.parametrize(
     ("options", "field", "met"),
     [

@@ -85,5 +85,5 @@ def test_options_written_as_words_are_read_back_the_same(given):
 
 
 def test_the_page_on_reading_names_every_option_and_command():
-    page = (Path(__file__).parents[2] / "docs" / "files" / "reading-files.md").read_text("utf-8")
+    page = (Path(__file__).parents[2] / "docs" / "files.md").read_text("utf-8")
     assert [option for option in OPTIONS if f"`{option}" not in page] == []

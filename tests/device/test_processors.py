@@ -53,7 +53,7 @@ KalscopeFilter filter(KALSCOPE_TUNING_PLAIN);
 float update(float z);
 float update(float z) { return filter.update(z); }
 """
-DOCS = Path(__file__).parents[2] / "docs/boards/devices.md"
+DOCS = Path(__file__).parents[2] / "docs/device.md"
 
 
 @pytest.fixture(params=PROCESSORS, ids=lambda processor: processor.name)
@@ -106,7 +106,7 @@ def test_chains_two_speeds_and_a_fusion_compile_without_a_warning_and_answer_the
 
 
 def test_the_stated_costs_are_true(processor, tmp_path):
-    """The table of docs/boards/devices.md, to 5 %: compilers differ a little from version to version."""
+    """The table of docs/device.md, to 5 %: compilers differ a little from version to version."""
     stated = dict(re.findall(r"^\| ([\w+-]+) \|(.*)\|$", DOCS.read_text(), re.MULTILINE))[processor.name]
     for cell, channel in zip(stated.split("|")[1:], (CHANNELS[0], WITH_MOMENTUM[0]), strict=True):
         figures = cost(processor, tmp_path, channel)

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 # The self-test: the attacks that every new server must withstand before its link is printed.
 #
-# The rows carry the numbers of the table in docs/project/security.md. Sockets that the rules allow are still
+# The rows carry the numbers of tests/support/browsers/attack_table.py. Sockets that the rules allow are still
 # answered 503, because the filter opens to them after the test.
 
 

@@ -1,4 +1,4 @@
-"""The attacks of docs/project/security.md, each as one row: who does what, and what must be seen.
+"""The attacks on the dashboard, each as one row: who does what, and what must be seen.
 
 `test_attacks.py` carries them out against the real program.
 """

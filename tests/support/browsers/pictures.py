@@ -135,7 +135,7 @@ def fleet(screen: Screen) -> None:
 
 def fleet_of_the_guide(folder: Path) -> None:
     """The logs that the program of the guide makes, tuned as its command does, but without Dask."""
-    program = re.search(r"```python run\n(.*?)```", (DOCS / "guide" / "fleet.md").read_text("utf-8"), re.DOTALL)
+    program = re.search(r"```python run\n(.*?)```", (DOCS / "fleet.md").read_text("utf-8"), re.DOTALL)
     assert program is not None
     with contextlib.chdir(folder):
         exec(compile(program[1], "fleet.md", "exec"), {})

@@ -21,7 +21,7 @@ class Processor:
     """A kind of processor, and the cross compiler for it."""
 
     name: str
-    """As in docs/boards/devices.md."""
+    """As in docs/device.md."""
     compiler: str
     """Prefix of the compiler's programs."""
     flags: tuple[str, ...]

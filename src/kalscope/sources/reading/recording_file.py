@@ -556,7 +556,7 @@ def read_recording(
     `.zst` are unpacked, and the files of known instruments are read by their own rules. Containers: zip, JSON,
     LabVIEW `.lvm`, MATLAB `.mat`, NumPy; with `kalscope[formats]` Parquet, spreadsheets, TDMS, HDF5, MCAP, ROS
     bags and ULog.
-    docs/files/reading-files.md says what is read, and how.
+    docs/files.md says what is read, and how.
 
     Args:
         path: The file.
