@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -12,7 +12,6 @@ import viser
 
 from kalscope.common.text import TIME_UNITS, decibels, gate_text, lag_text, number, percent, typed_number
 from kalscope.errors import BadSetting
-from kalscope.estimation.methods import METHODS
 from kalscope.estimation.request import MIN_LAG, Noise, Request, find_parameters, proposed_lag
 from kalscope.estimation.settings import SETTINGS, Cost
 from kalscope.filtering.steady import steady_state
@@ -29,35 +28,28 @@ from kalscope_app.views.window import LAG_NUMBER, PRIMARY
 # The ways to find q and r that the dashboard offers: what each asks the user for, and the search it requests.
 
 
-OVERSHOOT = "overshoot (%)"
-"""Label of the box for the overshoot that a target may cost."""
+LAG, MORE = "maximum lag", "more …"
 
 
 @dataclass(frozen=True)
 class SearchMethod:
     """One way to find q and r."""
 
-    request: Callable[[State, list[str]], Request]
-    """What to look for, from the state and the typed texts."""
-    boxes: tuple[tuple[str, str], ...] = ()
-    """Label and first content of each text box it needs."""
+    request: Callable[[State, str], Request]
+    """What to look for, from the state and the typed text."""
+    label: str = ""
+    """Of the box for the number that it needs; "" = it needs none."""
+    content: str = ""
+    """What is in the box first."""
+    hint: str = "A number that this method needs."
+    """Of the box."""
 
 
-def _method(name: str) -> SearchMethod:
-    return SearchMethod(lambda _state, _texts: Request(name))
+def _target(name: str, label: str, content: str, hint: str, factor: float = 1.0) -> SearchMethod:
+    def request(state: State, text: str) -> Request:
+        return Request(target={name: factor * typed_number(label, text)}, noise=_known_noise(state))
 
-
-def _target(
-    name: str, label: str, content: str, factor: float = 1.0, *, with_overshoot: bool = False
-) -> SearchMethod:
-    def request(state: State, texts: list[str]) -> Request:
-        allowed = texts[1].strip() if with_overshoot and len(texts) > 1 else ""
-        asked = Request(target={name: factor * typed_number(label, texts[0])}, noise=_known_noise(state))
-        if allowed:
-            return replace(asked, overshoot=typed_number("overshoot", allowed) / 100.0)
-        return replace(asked, momentum=state.tuning.momentum or "auto") if with_overshoot else asked
-
-    return SearchMethod(request, ((label, content), *(((OVERSHOOT, ""),) if with_overshoot else ())))
+    return SearchMethod(request, label, content, hint)
 
 
 def _known_noise(state: State) -> Noise:
@@ -66,30 +58,20 @@ def _known_noise(state: State) -> Noise:
     return Noise() if found is None or found.request is None else found.request.noise
 
 
-def _lag(samples: float, period: float | None, *, with_overshoot: bool = False) -> SearchMethod:
+def _lag(samples: float, period: float | None) -> SearchMethod:
     """The goal of a lag, first `samples`, in a unit that suits it; in samples where the period (s) is unknown."""
+    hint = "The largest lag that you accept: the setting within it that leaves the least noise is used."
     if period is None:
-        return _target("lag_samples", "lag (samples)", _short(samples), with_overshoot=with_overshoot)
+        return _target("lag_samples", "lag (samples)", _short(samples), hint)
     unit, length = next((one for one in reversed(TIME_UNITS) if one[1] <= samples * period), TIME_UNITS[0])
-    return _target(
-        "lag_s", f"lag ({unit})", _short(samples * period / length), length, with_overshoot=with_overshoot
-    )
+    return _target("lag_s", f"lag ({unit})", _short(samples * period / length), hint, length)
 
 
 def _short(value: float) -> str:
     return typed(float(f"{value:.2g}"))
 
 
-def _noise(*names: tuple[str, str, str]) -> SearchMethod:
-    def request(_state: State, texts: list[str]) -> Request:
-        values = {name: typed_number(label, text) for (name, label, _), text in zip(names, texts, strict=False)}
-        sigma, density, bandwidth = (values.get(name) for name in ("sigma", "density", "bandwidth_hz"))
-        return Request(noise=Noise(sigma=sigma, density=density, bandwidth_hz=bandwidth))
-
-    return SearchMethod(request, tuple((label, content) for _, label, content in names))
-
-
-def _still(state: State, _texts: list[str]) -> Request:
+def _still(state: State, _text: str) -> Request:
     if state.view.window is None:
         raise BadSetting("the still stretch must be on screen: drag across it in the chart first (got all samples)")
     time, (first, last) = state.recording.time, state.view.window
@@ -99,43 +81,28 @@ def _still(state: State, _texts: list[str]) -> Request:
     return Request(noise=Noise(still=(int(at[0]), int(at[-1]) + 1)))
 
 
-LAG_HINT = "The largest lag that you accept: the setting within it that leaves the least noise is used."
-
-BOX_HINTS = {
-    "": "A number that this method needs.",
-    "cut-off (Hz)": "Higher frequencies are attenuated, lower ones pass.",
-    "reduction (dB)": "How much less noise: 20 dB is a tenth of its size, 6 dB half of it.",
-    OVERSHOOT: "How far a step may overshoot: more of it gives less noise or lag. Empty: the present momentum.",
-    "gain K": "The weight of each new sample in the estimate, between 0 and 1.",
-    "σ (std)": "The noise of one reading, one standard deviation, in the unit of the signal.",
-    "per √Hz": "The noise density, in the unit of the signal per √Hz.",
-    "bandwidth (Hz)": "The bandwidth that goes with the density.",
-}
-"""Hint of each box by its label."""
-
-
-def hint_of(label: str) -> str:
-    """The hint of a box."""
-    return LAG_HINT if label.startswith("lag (") else BOX_HINTS[label]
-
-
-LAG, MORE = "maximum lag", "more …"
+SIGMA = "σ (std)"
 
 SEARCH_METHODS: dict[str, SearchMethod] = {
     LAG: _lag(10.0, None),
-    "cut-off frequency": _target("cutoff_hz", "cut-off (Hz)", "1"),
-    "noise reduction": _target("noise_reduction_db", "reduction (dB)", "12"),
-    "best fit": _method("ml"),
+    "cut-off frequency": _target(
+        "cutoff_hz", "cut-off (Hz)", "1", "Higher frequencies are attenuated, lower ones pass."
+    ),
+    "noise reduction": _target(
+        "noise_reduction_db",
+        "reduction (dB)",
+        "12",
+        "How much less noise: 20 dB is a tenth of its size, 6 dB half.",
+    ),
+    "best fit": SearchMethod(lambda _state, _text: Request()),
     "a still stretch, fit q": SearchMethod(_still),
-    "data sheet σ, fit q": _noise(("sigma", "σ (std)", "")),
-    "data sheet density, fit q": _noise(("density", "per √Hz", ""), ("bandwidth_hz", "bandwidth (Hz)", "")),
-    "lag with overshoot": _lag(10.0, None, with_overshoot=True),
-    "noise reduction with overshoot": _target("noise_reduction_db", "reduction (dB)", "12", with_overshoot=True),
-    "lag in samples": _target("lag_samples", "lag (samples)", "10", with_overshoot=True),
-    "gain K": _target("gain", "gain K", "0.1"),
-    "keep r, fit q": SearchMethod(lambda state, _texts: Request(noise=Noise(r=state.tuning.r))),
-    "r/q = 100, fit r": SearchMethod(lambda _state, _texts: Request(ratio=0.01)),
-    **{title: _method(name) for name, title in METHODS.items() if name != "ml"},
+    "data sheet σ, fit q": SearchMethod(
+        lambda _state, text: Request(noise=Noise(sigma=typed_number(SIGMA, text))),
+        SIGMA,
+        hint="The noise of one reading, one standard deviation, in the unit of the signal.",
+    ),
+    "gain K": _target("gain", "gain K", "0.1", "The weight of each new sample in the estimate, between 0 and 1."),
+    "keep r, fit q": SearchMethod(lambda state, _text: Request(noise=Noise(r=state.tuning.r))),
 }
 """Ways by the words on screen, the most useful first."""
 
@@ -149,13 +116,10 @@ HINT = "What the filter is for. Best fit: the q and r that explain the recording
 
 def method_of(state: State) -> SearchMethod:
     """The chosen way; a lag is first the one that suits the signal on screen."""
-    name = state.view.search_method
-    if name not in (LAG, "lag with overshoot"):
-        return SEARCH_METHODS[name]
+    if state.view.search_method != LAG:
+        return SEARCH_METHODS[state.view.search_method]
     samples = max(proposed_lag(costs_of(state), state.start.params), MIN_LAG)
-    return _lag(
-        samples if math.isfinite(samples) else 10.0, state.recording.sample_period, with_overshoot=name != LAG
-    )
+    return _lag(samples if math.isfinite(samples) else 10.0, state.recording.sample_period)
 
 
 # Where the best fit hardly filters, three settings stand below the goal: the first answer is the medium one.
@@ -281,7 +245,7 @@ class GoalView:
             self._method = gui.add_dropdown(
                 "method", MORE_METHODS, visible=False, hint="Other ways to find q and r."
             )
-            self._boxes = [gui.add_text("", "", visible=False, hint=hint_of("")) for _ in range(2)]
+            self._box = gui.add_text("", "", visible=False, hint="")
             self._apply = gui.add_button("Apply", color=PRIMARY, hint="Sets q and r in one step; Undo reverts it.")
             self._costs = gui.add_markdown("", visible=False)
             self._settings = gui.add_button_group(
@@ -300,13 +264,8 @@ class GoalView:
             on_user(command.on_trigger, lambda _client, change=change: session.request(change))
 
     def _find_and_apply(self) -> None:
-        texts = [box.value for box in self._boxes]
-
-        def request(state: State) -> Request:
-            method = method_of(state)
-            return method.request(state, texts[: len(method.boxes)])
-
-        self.search(request)
+        text = self._box.value
+        self.search(lambda state: method_of(state).request(state, text))
 
     def _take_setting(self, name: str) -> None:
         def request(state: State) -> Request | None:
@@ -345,20 +304,15 @@ class GoalView:
         self._answer.content, self._answer.visible = answer, bool(answer)
 
     def _show_method(self, state: State) -> None:
-        name, wanted = state.view.search_method, method_of(state).boxes
+        name, method = state.view.search_method, method_of(state)
         self._goal.value = name if name in GOALS else MORE
         self._method.visible = name not in GOALS
         if name not in GOALS:
             self._method.value = name
-        labels = tuple(label for label, _ in wanted)
-        about = state.record_key, state.channel, bool(costs_of(state))
-        shown = about, name, *labels
-        for i, box in enumerate(self._boxes):
-            box.visible = i < len(wanted)
-            if i < len(wanted):
-                if shown[: i + 3] != self._shown[: i + 3]:
-                    box.value = wanted[i][1]
-                box.label, box.hint = labels[i], hint_of(wanted[i][0])
+        shown = state.record_key, state.channel, bool(costs_of(state)), name, method.label
+        if shown != self._shown:
+            put(self._box, value=method.content)
+        put(self._box, label=method.label, hint=method.hint, visible=bool(method.label))
         self._shown = shown
 
 

@@ -100,14 +100,12 @@ def best_fit(screen: Screen) -> None:
     screen.page.get_by_text(re.compile("Before: ")).first.wait_for()
 
 
-def overshoot(screen: Screen) -> None:
-    """The goal *lag with overshoot* is applied."""
-    screen.choose("goal", "more …")
-    screen.choose("method", "lag with overshoot")
-    screen.type("lag (ms)", "50", enter=False)
-    screen.type("overshoot (%)", "10", enter=False)
-    press(screen, "Apply")
-    screen.page.get_by_text(re.compile("Before: ")).first.wait_for()
+def momentum(screen: Screen) -> None:
+    """A lag of 50 ms is chosen, and momentum is added."""
+    goal("50")(screen)
+    screen.page.get_by_text(MORE_FOLDER, exact=True).click()
+    press(screen, "Add momentum")
+    screen.text_box("momentum").wait_for()
 
 
 def fused(screen: Screen) -> None:
@@ -163,7 +161,7 @@ PICTURES = {
     "dark": Picture("demo", in_the_dark),
     "phone": Picture("demo", on_a_phone, (390, 844)),
     "goal": Picture("demo", goal("100")),
-    "momentum": Picture("sample:flex_sensor", overshoot),
+    "momentum": Picture("sample:flex_sensor", momentum),
     "spikes": Picture(SPIKY, best_fit),
     "map": Picture("demo", tuning_map),
     "fusion": Picture("sample:tank_level", fused),
