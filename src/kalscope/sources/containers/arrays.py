@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import logging
 import math
-import re
+import pickle
 import struct
 import zipfile
 import zlib
@@ -18,7 +18,7 @@ from typing import Any, cast
 
 import numpy as np
 
-from kalscope.common.files import require_memory_for_numbers
+from kalscope.common.files import require_memory_for_numbers, temporary_folder
 from kalscope.common.numbers import Array
 from kalscope.common.progress import Progress
 from kalscope.errors import BadFile
@@ -28,6 +28,7 @@ from kalscope.sources.containers.table import (
     Part,
     Table,
     choose_part,
+    convert_apart,
     load_library,
     refuse_part,
 )
@@ -262,8 +263,6 @@ _COMPRESSED = 15
 """Type of an element of a file of version 5 that holds a compressed variable."""
 _PIECE = 1 << 26
 """Bytes that are unpacked at once to count them."""
-_CLASSES = re.compile("double|single|logical|struct|u?int(8|16|32|64)")
-"""Classes of variables that may hold numbers; cells, text, functions and objects are left unread."""
 
 
 def read_mat(path: Path, name: str, part: str | None, progress: Progress) -> Table:
@@ -273,17 +272,15 @@ def read_mat(path: Path, name: str, part: str | None, progress: Progress) -> Tab
         BadFile: it holds no numbers or too many.
         BadSetting: there is no such part.
     """
-    matlab = load_library("scipy.io", "scipy", name, "a MATLAB file")
-    listed = cast("list[tuple[str, tuple[int, ...], str]]", matlab.whosmat(str(path)))
-    wanted = [key for key, _, kind in listed if _CLASSES.fullmatch(kind)]
     # The size of a struct says nothing of its fields, and any element may unpack to more than its variable has.
     _count_unpacked(path, progress)
     progress(0.1, "reading")
-    held = matlab.loadmat(str(path), variable_names=wanted, simplify_cells=True)
     found = Found()
-    for key in wanted:
-        if key in held:
-            _collect(key, "", held[key], found)
+    with temporary_folder() as folder:
+        convert_apart("mat", path, folder, progress.part(0.1, 0.6))
+        held: dict[str, Any] = pickle.loads((folder / "variables.pickle").read_bytes())
+    for key, value in held.items():
+        _collect(key, "", value, found)
     return read_arrays(found, part, name, "a MATLAB file", progress.part(0.6, 1.0))
 
 

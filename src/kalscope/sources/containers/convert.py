@@ -1,10 +1,11 @@
-"""Convert a spreadsheet to text files, one per sheet; run as a process of its own.
+"""Read a spreadsheet or a MATLAB file; run as a process of its own.
 
-The library aborts its process where a damaged file asks for more memory than there is: this one, not Kalscope's.
+The libraries abort their process at some damaged files: this one, not Kalscope's.
 
-    python convert.py BOOK FOLDER
+    python convert.py sheets|mat FILE FOLDER
 
-FOLDER gets 0.txt, 1.txt, …, cells separated by tabs, and sheets.json: name, rows, columns and numbers of each.
+FOLDER gets 0.txt, 1.txt, …, cells separated by tabs, and sheets.json: name, rows, columns and numbers of each; or
+variables.pickle, the numbers and structs of a MATLAB file by their names.
 """
 
 from __future__ import annotations
@@ -12,11 +13,14 @@ from __future__ import annotations
 import datetime
 import importlib
 import json
+import pickle
+import re
 import sys
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+_CLASSES = re.compile("double|single|logical|struct|u?int(8|16|32|64)")
 MAX_CELLS = 1 << 24
 """Cells of one sheet, including empty ones."""
 MAX_BYTES = 4 << 30
@@ -40,6 +44,15 @@ def convert(book_path: str, folder: str) -> None:
     (Path(folder) / "sheets.json").write_text(json.dumps(said), encoding="utf-8")
 
 
+def read_variables(path: str, folder: str) -> None:
+    """Write the variables of a MATLAB file that may hold numbers; cells, text and objects are left unread."""
+    matlab: Any = importlib.import_module("scipy.io")
+    wanted = [key for key, _, kind in matlab.whosmat(path) if _CLASSES.fullmatch(kind)]
+    held = matlab.loadmat(path, variable_names=wanted, simplify_cells=True)
+    with (Path(folder) / "variables.pickle").open("wb") as file:
+        pickle.dump({key: held[key] for key in wanted if key in held}, file, 5)
+
+
 def cell_text(cell: object) -> str:
     """A cell as text: whole numbers without a point, dates as ISO 8601, durations in s."""
     if isinstance(cell, float):
@@ -57,7 +70,7 @@ if __name__ == "__main__":
 
         resource.setrlimit(resource.RLIMIT_AS, (MAX_BYTES, MAX_BYTES))
     try:
-        convert(sys.argv[1], sys.argv[2])
+        {"sheets": convert, "mat": read_variables}[sys.argv[1]](*sys.argv[2:])
     except BaseException as error:  # a panic of the library, which is written in Rust, is not an Exception
         sys.stderr.write(" ".join(str(error).split())[:200])
         sys.exit(1)

@@ -4,27 +4,20 @@ from __future__ import annotations
 
 import json
 import re
-import subprocess
-import sys
 import zipfile
-from contextlib import suppress
 from functools import reduce
 from pathlib import Path
 
 from kalscope.common.files import temporary_folder
 from kalscope.common.progress import Progress
-from kalscope.common.stopping import done_at_stop
-from kalscope.common.text import one_line
 from kalscope.errors import BadFile
 from kalscope.sources.containers import convert
-from kalscope.sources.containers.table import Part, Text, choose_text_part, load_library
+from kalscope.sources.containers.table import Part, Text, choose_text_part, convert_apart, load_library
 
 _KIND = "a spreadsheet"
 _ANY_SIZE = 1 << 62
 _CHUNK = 1 << 20
 _PLACE = re.compile(rb"""\sr\s?=\s?["']([A-Za-z]{0,3})([0-9]{1,7})["']""")
-_POLL_S = 0.05
-"""Seconds between two checks whether the user has cancelled."""
 
 
 def read_excel(path: Path, name: str, part: str | None, progress: Progress) -> Text:
@@ -38,35 +31,13 @@ def read_excel(path: Path, name: str, part: str | None, progress: Progress) -> T
     if zipfile.is_zipfile(path):
         _check_size(path, name, progress.part(0.0, 0.3))
     with temporary_folder() as folder:
-        _convert(path, folder, progress.part(0.3, 1.0))
+        convert_apart("sheets", path, folder, progress.part(0.3, 1.0))
         said = json.loads((folder / "sheets.json").read_text(encoding="utf-8"))
         holding = [i for i, sheet in enumerate(said) if sheet["numbers"]]
         parts = [Part(said[i]["name"], said[i]["rows"], said[i]["columns"]) for i in holding]
         chosen, notes, inner = choose_text_part(parts, part, name, "sheet")
         text = (folder / f"{holding[chosen]}.txt").read_text(encoding="utf-8")
     return Text(text.removesuffix("\n").split("\n"), (f"{_KIND}; line numbers are its rows", *notes), "\t", inner)
-
-
-def _convert(path: Path, folder: Path, progress: Progress) -> None:
-    """Write the sheets in a process of its own, which is killed when the task is cancelled."""
-    process = subprocess.Popen(
-        [sys.executable, convert.__file__, str(path), str(folder)],
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.PIPE,  # one line, which the pipe holds until it is read
-    )
-    with process, done_at_stop(process.kill):
-        try:
-            while process.poll() is None:
-                progress(0.5, "reading")
-                with suppress(subprocess.TimeoutExpired):
-                    process.wait(_POLL_S)
-        except BaseException:  # leaving the block waits for the process, after Ctrl+C as well
-            process.kill()
-            raise
-        said = process.stderr.read() if process.stderr else b""
-    if process.returncode:
-        raise ValueError(one_line(said.decode("utf-8", "replace"))[:120] or "the library failed")
 
 
 def _check_size(path: Path, name: str, progress: Progress) -> None:

@@ -3,13 +3,20 @@
 from __future__ import annotations
 
 import importlib
+import subprocess
+import sys
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 from kalscope.common.numbers import Array
-from kalscope.common.text import count
+from kalscope.common.progress import Progress
+from kalscope.common.stopping import done_at_stop
+from kalscope.common.text import count, one_line
 from kalscope.errors import BadFile, BadSetting
+from kalscope.sources.containers import convert
 
 # The libraries that read containers: optional, imported where a file needs one.
 
@@ -163,3 +170,32 @@ def _described(part: Part) -> str:
 def _listed(parts: Sequence[Part]) -> str:
     shown = ", ".join(_described(part) for part in parts[:_MAX_NAMED])
     return shown if len(parts) <= _MAX_NAMED else f"{shown} and {len(parts) - _MAX_NAMED} more"
+
+
+# Files at which a library may abort its process are read in another one.
+
+
+_POLL_S = 0.05
+"""Seconds between two checks whether the user has cancelled."""
+
+
+def convert_apart(kind: str, path: Path, folder: Path, progress: Progress) -> None:
+    """Have `convert.py` write what a file holds into a folder; its process is killed when the task is cancelled."""
+    process = subprocess.Popen(
+        [sys.executable, convert.__file__, kind, str(path), str(folder)],
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,  # one line, which the pipe holds until it is read
+    )
+    with process, done_at_stop(process.kill):
+        try:
+            while process.poll() is None:
+                progress(0.5, "reading")
+                with suppress(subprocess.TimeoutExpired):
+                    process.wait(_POLL_S)
+        except BaseException:  # leaving the block waits for the process, after Ctrl+C as well
+            process.kill()
+            raise
+        said = process.stderr.read() if process.stderr else b""
+    if process.returncode:
+        raise ValueError(one_line(said.decode("utf-8", "replace"))[:120] or "the library failed")
