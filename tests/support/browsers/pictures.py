@@ -101,11 +101,11 @@ def best_fit(screen: Screen) -> None:
 
 
 def momentum(screen: Screen) -> None:
-    """A lag of 50 ms is chosen, and momentum is added."""
-    goal("50")(screen)
+    """The filter with 50 ms of lag and 10 % of overshoot is typed in."""
+    screen.type("process noise q", "7.395")
     screen.page.get_by_text(MORE_FOLDER, exact=True).click()
-    press(screen, "Add momentum")
-    screen.text_box("momentum").wait_for()
+    screen.type("momentum", "390 ms")
+    screen.page.get_by_text("keeps direction", exact=True).wait_for()
 
 
 def fused(screen: Screen) -> None:
@@ -177,7 +177,8 @@ def press(screen: Screen, name: str) -> None:
 
 
 def said(screen: Screen, picture: Picture) -> list[str]:
-    """What stands on the screen, each text with its colour."""
+    """What stands on the screen once its loops are compiled, each text with its colour."""
+    screen.page.get_by_text("Compiling for this computer").wait_for(state="hidden")
     screen.page.mouse.move(2, 2)
     texts = screen.page.evaluate(SAID)
     return sorted({re.sub(r"[\d.]+(?=.* rgb)", "0", text) for text in texts} if picture.source == BOARD else texts)
