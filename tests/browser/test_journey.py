@@ -120,6 +120,7 @@ def test_a_board_is_tuned_and_recorded_and_the_recording_keeps_the_tuning(
     assert [screen.text_box(box).input_value() for box in ("process noise q", "measurement noise r")] == kept
     z = opened(tmp_path).values[:, 0]
     page.get_by_role("button", name=MORE_FOLDER).click()
+    page.get_by_text("lag (delay)", exact=True).wait_for()  # the folder is open
     moving = page.get_by_text("keeps direction", exact=True).count()
     tau = float(screen.text_box("momentum").input_value()) if moving else 0.0
     screen.wait_for_line("filtered", kalman_filter(z, FilterParams(*map(float, kept), momentum=tau)).x, 1e-5)

@@ -192,7 +192,7 @@ def with_two_speeds(one: Judgement, found: TwoSpeeds, best: Estimate | None) -> 
     """The judgement of a filter with one speed on a record that shows two more clearly than the best fit of one."""
     if not found.is_clear(rival_of(best)) or found.gain < LEAST_GAIN:
         return one
-    text = f"the signal rests and moves: two speeds predict it with {percent(found.gain)} smaller errors"
+    text = f"the signal rests and moves: two speeds predict it with {percent(found.gain)} smaller errors than one"
     return replace(one, findings=(Finding(one.status, text, AddTwoSpeeds()), *one.findings)[:MAX_ADVICE])
 
 
