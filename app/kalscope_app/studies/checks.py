@@ -18,7 +18,7 @@ from kalscope.estimation.fit import estimate
 from kalscope.estimation.methods import METHODS
 from kalscope.estimation.settings import momentum_gain
 from kalscope.estimation.still import find_still_stretch
-from kalscope.estimation.two_speeds import TwoSpeeds, fit_two_speeds, is_searched
+from kalscope.estimation.two_speeds import TwoSpeeds, clear_two_speeds
 from kalscope.export.board import BoardCheck, check_board
 from kalscope.filtering.params import FilterParams
 from kalscope_app.engine.filter_runs import Cache
@@ -41,15 +41,12 @@ def still_stretch(state: State, kept: Cache[Stretch]) -> Stretch:
 
 
 def two_speeds_in(state: State, kept: Cache[TwoSpeeds | None]) -> TwoSpeeds | None:
-    """What two speeds would bring to the channel on screen; None of a live record, and where there is no noise."""
-    first = None if state.live is not None or state.first is None else state.first.after
-    if first is None or not is_searched(first.q, first.r):
+    """Two speeds of the channel on screen where they are clear; None otherwise, and of a live record."""
+    first = state.first
+    if state.live is not None or first is None:
         return None
-    steps, scope = (
-        np.empty(0) if state.dt is None else state.dt,
-        (state.recording, state.channel, state.recording.gaps),
-    )
-    return kept.once(lambda: fit_two_speeds(state.z, steps, FilterParams(first.q, first.r)), *scope)
+    steps, scope = np.empty(0) if state.dt is None else state.dt, (state.recording, state.channel, first.estimate)
+    return kept.once(lambda: clear_two_speeds(first.estimate, state.z, steps), *scope)
 
 
 # Whether the live board computes what the screen shows: an idle-time computation.
@@ -238,10 +235,7 @@ def compute_checks(
     held_out = diagnose_held_out(z, fit if estimated else state.params, dt)
     judgement, search = _of_filter(state, whole, held_out, still), _of_search(state, still)
     if judgement.tone != "good" and state.has_one_speed and judgement.status != "as_chosen":
-        found = speeds(state)
-        judgement = (
-            judgement if found is None else with_two_speeds(judgement, found, state.first and state.first.estimate)
-        )
+        judgement = with_two_speeds(judgement, speeds(state))
     whole, held_out = without_residuals(whole), without_residuals(held_out)
     judgement = replace(judgement, residuals=whole, held_out=held_out)  # without the arrays of all samples
     return Checks(state, whole, held_out, estimated, judgement, search)

@@ -33,7 +33,7 @@ from kalscope.common.numbers import Array, ShortRepr
 from kalscope.common.text import count, decibels, number, percent
 from kalscope.estimation.request import Request
 from kalscope.estimation.result import Estimate, Shared
-from kalscope.estimation.two_speeds import TwoSpeeds, rival_of
+from kalscope.estimation.two_speeds import TwoSpeeds
 from kalscope.estimation.verdict import below_step
 from kalscope.filtering.steady import steady_state
 
@@ -188,9 +188,9 @@ def with_momentum(one: Judgement, tau: float, gain: float) -> Judgement:
     return replace(one, findings=(Finding(one.status, text, AddMomentum(tau)), *one.findings)[:MAX_ADVICE])
 
 
-def with_two_speeds(one: Judgement, found: TwoSpeeds, best: Estimate | None) -> Judgement:
-    """The judgement of a filter with one speed on a record that shows two more clearly than the best fit of one."""
-    if not found.is_clear(rival_of(best)) or found.gain < LEAST_GAIN:
+def with_two_speeds(one: Judgement, found: TwoSpeeds | None) -> Judgement:
+    """The judgement of a filter with one speed on a record in which two were found; None = they were not."""
+    if found is None or found.gain < LEAST_GAIN:
         return one
     text = f"the signal rests and moves: two speeds predict it with {percent(found.gain)} smaller errors than one"
     return replace(one, findings=(Finding(one.status, text, AddTwoSpeeds()), *one.findings)[:MAX_ADVICE])

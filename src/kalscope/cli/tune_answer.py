@@ -51,7 +51,7 @@ from kalscope.estimation.request import FitResult, Noise, Request, cost_text, fi
 from kalscope.estimation.result import Estimate
 from kalscope.estimation.settings import momentum_gain
 from kalscope.estimation.still import find_still_stretch
-from kalscope.estimation.two_speeds import fit_two_speeds, is_searched
+from kalscope.estimation.two_speeds import clear_two_speeds
 from kalscope.filtering.params import FilterParams, scalar
 from kalscope.filtering.steady import SteadyState, steady_state
 from kalscope.recording import Recording
@@ -188,10 +188,9 @@ def answer_for(
     still = find_still_stretch(z, dt) if needs_noise(result.estimate) else None
     judgement = judge(residuals, held_out, result.estimate, result.request, still, unit)
     one = result.params
-    if not request.goal and judgement.tone != "good" and one.fast is None and is_searched(one.q, float(one.r)):
+    if not request.goal and judgement.tone != "good" and one.fast is None:
         best = estimate(z, dt=dt, robust=request.robust)
-        found = fit_two_speeds(z, np.empty(0) if dt is None else dt, one)
-        judgement = with_two_speeds(judgement, found, best)
+        judgement = with_two_speeds(judgement, clear_two_speeds(best, z, np.empty(0) if dt is None else dt))
     if _without(request) and not request.goal and not one.momentum:
         best = estimate(z, dt=dt, robust=request.robust)
         gain = momentum_gain(z, dt, one, best)

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 
 from kalscope.common.numbers import Array
 from kalscope.common.text import number, percent
+from kalscope.estimation.noise import noise_scale
 from kalscope.estimation.result import Estimate
 from kalscope.filtering.filter import FilterResult, KalmanFilter, empty_rows
 from kalscope.filtering.params import FilterParams, one_record
@@ -31,6 +32,9 @@ NONE = 1e-3
 _LEAST = np.log([1e-5, 1e-6, 1e-4, 1e-5])
 _MOST = np.log([1e2, 1e6, 0.1, 1e3])
 """Limits of what is searched: ln(q/r), ln(r over that of one speed), ln(spikes), ln(fast q/r)."""
+
+SURE = 2.0
+"""Standard errors by which the errors of prediction must be smaller."""
 
 NOT_CLEAR = "Two speeds do not explain it clearly better, so there is one."
 
@@ -64,13 +68,8 @@ class TwoSpeeds:
         """
         return (
             self.loglik - max(self.one_loglik, loglik) > 1.5 * math.log(max(self.samples, 1)) + 3.0
-            and self.better > 2.0
+            and self.better > SURE
         )
-
-
-def is_searched(q: float, r: float) -> bool:
-    """Whether two speeds are searched from these variances: both above 0, and far from what a float can hold."""
-    return q > 0.0 and r > 0.0 and min(q, r) > MIN_R and max(q, r) < 1.0 / MIN_R
 
 
 def fit_two_speeds(z: Array, steps: Array, one: FilterParams) -> TwoSpeeds:
@@ -107,22 +106,35 @@ def fit_two_speeds(z: Array, steps: Array, one: FilterParams) -> TwoSpeeds:
     best = search(min(search(begin, 60) for begin in begins)[1], 200)
     alone = search(min(*alone, search(best[1][:3], 60))[1], 120)
     two, single = (_run(rows, steps, params_at(np.array(end[1]))) for end in (best, alone))
-    before, after = (np.abs(run.innovation[np.isfinite(run.innovation)]) for run in (single, two))
-    better, size = before - after, float(before.mean()) if len(before) else 0.0
-    spread = float(better.std()) / math.sqrt(len(better)) if len(better) else 0.0
     return TwoSpeeds(
         params_at(np.array(best[1])),
         float(two.loglik),
         float(single.loglik),
         int(two.m),
-        float(better.mean()) / spread if spread else 0.0,
-        float(better.mean()) / size if size else 0.0,
+        *_better(single, two),
     )
 
 
-def rival_of(best: Estimate | None) -> float:
-    """The log-likelihood that two speeds must exceed besides that of one speed: of momentum, of all samples."""
-    return best.loglik if best is not None and best.momentum and best.outliers is None else -math.inf
+def clear_two_speeds(best: Estimate | None, z: Array, steps: Array) -> TwoSpeeds | None:
+    """Two speeds of checked samples z, shape (n,), where they are clearly likelier than the best fit of one speed.
+
+    Momentum is a rival only where that fit scores all samples. Where it has no noise the search begins at q = r.
+    """
+    if best is None:
+        return None
+    q, r = float(best.q), float(best.r)
+    q, r = (q, r) if min(q, r) > MIN_R else (noise_scale(z), noise_scale(z))
+    if not MIN_R < min(q, r) <= max(q, r) < 1.0 / MIN_R:
+        return None
+    found = fit_two_speeds(z, steps, FilterParams(q, r))
+    rival = best.loglik if best.momentum and best.outliers is None else -math.inf
+    if not found.is_clear(rival):
+        return None
+    if best.params is not None:  # its gate may deal with spikes that are larger than those of the hypothesis
+        fit, two = (_run(z.reshape(-1, 1), steps, params) for params in (best.params, found.params))
+        if _better(fit, two)[0] <= SURE:
+            return None
+    return found
 
 
 def with_two_speeds(one: Estimate, z: ArrayLike, dt: ArrayLike | None) -> Estimate:
@@ -130,11 +142,8 @@ def with_two_speeds(one: Estimate, z: ArrayLike, dt: ArrayLike | None) -> Estima
 
     Its intervals are open: they are not found for two speeds.
     """
-    samples, steps = one_record(z, dt)
-    if not is_searched(one.q, one.r):
-        return one
-    found = fit_two_speeds(samples, steps, FilterParams(one.q, one.r))
-    if not found.is_clear(rival_of(one)):
+    found = clear_two_speeds(one, *one_record(z, dt))
+    if found is None:
         return replace(one, message=f"{one.message} {NOT_CLEAR}")
     params = found.params
     spikes = f", {percent(params.spikes)} spikes" if params.spikes else ""
@@ -154,6 +163,15 @@ def with_two_speeds(one: Estimate, z: ArrayLike, dt: ArrayLike | None) -> Estima
         outlier_share=one.outlier_share,
         resolution=one.resolution,
     )
+
+
+def _better(one: FilterResult, two: FilterResult) -> tuple[float, float]:
+    """Mean by which the prediction errors of the second are smaller, in its standard errors, and as a share."""
+    before, after = np.abs(one.innovation), np.abs(two.innovation)
+    scored = np.isfinite(before) & np.isfinite(after)
+    gain, size = (before - after)[scored], float(before[scored].mean()) if scored.any() else 0.0
+    spread = float(gain.std()) / math.sqrt(len(gain)) if len(gain) else 0.0
+    return (float(gain.mean()) / spread if spread else 0.0, float(gain.mean()) / size if size else 0.0)
 
 
 def _run(rows: Array, steps: Array, params: FilterParams) -> FilterResult:
