@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 DOCS = Path(__file__).parents[1] / "docs"
-SENSORS = (DOCS / "gallery.md").read_text("utf-8").split("\n## ")[1:]
+*SENSORS, TWELVE = (DOCS / "gallery.md").read_text("utf-8").split("\n## ")[1:]
 ERRORS = re.compile(r"raw ([\d.]+), filtered ([\d.]+)")
 
 
@@ -29,6 +29,17 @@ def test_the_gallery_shows_a_filter_that_helps_each_sensor(section, with_answers
     assert "kalscope_filter.ino" in shown
     raw, filtered = map(float, ERRORS.search(shown).groups())
     assert filtered < 0.7 * raw
+
+
+@pytest.mark.slow
+def test_twelve_recordings_are_drawn_before_and_after_and_now_is_nearer_to_the_truth(with_answers):
+    shown = with_answers(TWELVE)
+    pictures = re.findall(r"<figure>.*?</figure>", shown)
+    assert len(pictures) == 12
+    assert max(map(len, pictures)) < 40_000
+    errors = re.findall(r"raw ([\d.]+), until 0.1.0 ([\d.]+), first answer ([\d.]+\d)", shown)
+    assert len(errors) == 3
+    assert all(float(now) < min(float(raw), float(before)) for raw, before, now in errors)
 
 
 @pytest.mark.slow

@@ -3,7 +3,8 @@
 A block that begins with ```sh run holds commands of kalscope, one that begins with ```python run a program; the
 site shows below it what it prints. A command that ends with & runs beside the others until the page is done, and
 the next one waits for its first line. A line ![…](tuning.toml) draws the recording of that tuning file: raw,
-filtered and, where it is known, the truth. The blocks of a page share an empty folder, its programs their names.
+filtered and, where it is known, the truth; a line ![…](sample:…) or ![…](synthetic:…) draws that recording with the
+filter of 0.1.0 and the first answer. The blocks of a page share an empty folder, its programs their names.
 """
 
 from __future__ import annotations
@@ -21,14 +22,18 @@ from typing import Any
 
 import numpy as np
 
-from kalscope import Recording, kalman_filter, load_tuning, open_source
+from kalscope import FilterParams, Recording, kalman_filter, load_tuning, open_source, steady_state
+from kalscope.analysis.channel_kinds import default_channel
 from kalscope.cli.app import run
 from kalscope.common.charts import Line, Panel, draw_svg, raw_and_filtered
 from kalscope.common.numbers import Array
-from kalscope.common.text import number
+from kalscope.common.text import first_sentence, lag_text, number, percent
+from kalscope.estimation.request import find_parameters
+from kalscope.estimation.settings import noise_left
 
 BLOCK = re.compile(r"^```(sh|python) run\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 PICTURE = re.compile(r"^!\[([^\]]*)\]\((\w+\.toml)\)$", re.MULTILINE)
+BEFORE_AND_AFTER = re.compile(r"^!\[([^\]]*)\]\(((?:sample|synthetic):\S+)\)$", re.MULTILINE)
 SPEED = re.compile(r" in [^,\n]+, [^,\n]+ rows/s[^\n]*")
 """What depends on the machine that builds the site."""
 PROGRAM = (sys.executable, "-m", "kalscope.cli")
@@ -59,7 +64,8 @@ def with_answers(markdown: str) -> str:
 
         beside.enter_context(contextlib.chdir(beside.enter_context(tempfile.TemporaryDirectory())))
         page = BLOCK.sub(answered, markdown)
-        return PICTURE.sub(lambda found: picture(Path(found[2]), found[1]), page)
+        page = PICTURE.sub(lambda found: picture(Path(found[2]), found[1]), page)
+        return BEFORE_AND_AFTER.sub(lambda found: before_and_after(found[2], found[1]), page)
 
 
 def program(text: str, names: dict[str, Any]) -> str:
@@ -116,6 +122,32 @@ def said(stream: io.TextIOWrapper) -> str:
     return stream.read()
 
 
+def before_and_after(source: str, name: str) -> str:
+    """The first samples of a recording with the filter that it began with until 0.1.0 and with the first answer."""
+    recording = open_source(source)
+    at, period = recording.index(default_channel(recording)), recording.sample_period
+    raw, truth = recording.values[:, at], None if recording.truth is None else recording.truth[:, at]
+    found, r = find_parameters(raw, sample_period=period), float(np.nanvar(np.diff(raw))) / 2.0
+    assert found.params is not None
+    filters = {"until 0.1.0": FilterParams(q=r / 100.0, r=r), "first answer": found.params}
+    curves = {label: kalman_filter(raw, params).x for label, params in filters.items()}
+    texts = [
+        f"{label[:1].upper()}{label[1:]}: a lag of {lag_text(steady_state(params).lag_samples, period)} leaves "
+        f"{percent(noise_left(params))} of the noise."
+        for label, params in filters.items()
+    ]
+    texts += [] if truth is None else [f"{_errors(truth, {'raw': raw, **curves})}."]
+    time = recording.time[:DRAWN]
+    lines = [Line(time, raw[:DRAWN], "raw", "raw")]
+    lines += [
+        Line(time, x[:DRAWN], label, style) for style, (label, x) in zip(("s1", "s2"), curves.items(), strict=True)
+    ]
+    lines += [] if truth is None else [Line(time, truth[:DRAWN], "truth", "truth")]
+    y_label = " ".join(filter(None, (recording.names[at], recording.units[at])))
+    panel = Panel(title=name, lines=tuple(lines), x_label="time (s)" if period else "samples", y_label=y_label)
+    return f"{_figure(panel, name)}\n\n{' '.join(texts)} {first_sentence(found.message)}."
+
+
 def picture(tuning_file: Path, name: str) -> str:
     """The first samples of the recording of a tuning file, as an <svg> element."""
     tuning = load_tuning(tuning_file)
@@ -132,6 +164,10 @@ def picture(tuning_file: Path, name: str) -> str:
         y_label="value",
         y_range=(float(low - margin), float(high + margin)),
     )
+    return _figure(panel, name)
+
+
+def _figure(panel: Panel, name: str) -> str:
     drawn = draw_svg([panel], name, height=300).replace("\n", " ")  # Markdown ends HTML at an empty line
     return f"<figure>{drawn}</figure>"
 
