@@ -45,7 +45,7 @@ def values(screen):
 
 def mark(page):
     """Where the mark of the present values is, in shares of the map; it moves with the map too."""
-    style = page.locator(".kalscope-map img").nth(1).evaluate("({style}) => [style.left, style.top]")
+    style = page.locator(".kalscope-mark").evaluate("({style}) => [style.left, style.top]")
     return [float(length.removesuffix("%") or -100) / 100 for length in style]
 
 

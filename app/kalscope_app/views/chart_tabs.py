@@ -15,20 +15,12 @@ from kalscope.common.text import count, frequency, lag_text, noise_left, number,
 from kalscope.filtering.classic import Chain
 from kalscope.filtering.steady import steady_state
 from kalscope_app.engine.frame import Frame
-from kalscope_app.session.changes import (
-    momentum_words,
-    set_drawn_alternative,
-    set_link,
-    set_match_by,
-    use_chain,
-)
+from kalscope_app.session import changes
 from kalscope_app.session.session import Session
 from kalscope_app.session.state import LINKS, State
 from kalscope_app.studies.checks import Allan, Spectra
 from kalscope_app.studies.comparisons import HALF_LANE, MAX_LANES, Compared, Lane, Overview
 from kalscope_app.views.charts import (
-    DARK,
-    LIGHT,
     Chart,
     ChartLine,
     Scale,
@@ -36,12 +28,12 @@ from kalscope_app.views.charts import (
     gappy,
     line,
     marks,
+    palette_of,
     scale_for,
     short,
-    time_label,
-    time_scale_for,
+    time_axis,
 )
-from kalscope_app.views.widgets import bind, capitalised, escape_markdown, offer, on_user, put
+from kalscope_app.views.widgets import add_button, bind, capitalised, escape_markdown, offer, put, table_of
 from kalscope_app.views.window import EXPORT_BUTTON
 
 # Is there a simpler filter? A chart with the current filter and a simpler one, the verdict, and a table of all.
@@ -67,9 +59,6 @@ EXPORT_HINT = "Uses the drawn filter instead of yours, and opens the Export tab.
 
 NOTHING = "Only the Kalman filter of one channel can be compared at its lag."
 
-MAX_UNBROKEN = 13
-"""Characters from which a cell of the table may break, so that its seven columns fit at 1280 px."""
-
 MIN_OVERSHOOT = 5e-4
 """Smaller ones are none."""
 
@@ -81,24 +70,20 @@ class AlternativesView:
         self._session = session
         self._chain: Chain | None = None
         gui.add_markdown("### Is there a simpler filter?")
-        self._match = gui.add_dropdown(
-            "matched by", tuple(MATCHES), hint="Filters of equal lag, or of equal noise reduction."
-        )
-        self._alternative = gui.add_dropdown(
-            "draw", list[str]((*NAMES, ALL)), hint="Which filter is plotted beside yours."
-        )
-        self._export = gui.add_button(EXPORT_BUTTON, visible=False, hint=EXPORT_HINT)
+        hint = "Filters of equal lag, or of equal noise reduction."
+        match = gui.add_dropdown("matched by", tuple(MATCHES), hint=hint)
+        self._match = bind(match, session, lambda words: changes.set_match_by(MATCHES.get(words, "lag")))
+        draw = gui.add_dropdown("draw", list[str]((*NAMES, ALL)), hint="Which filter is plotted beside yours.")
+        self._alternative = bind(draw, session, changes.set_drawn_alternative)
+        self._export = add_button(gui, EXPORT_BUTTON, EXPORT_HINT, self._use, visible=False)
         self._verdict = gui.add_markdown("")
         self._chart = Chart(gui, 0.4, sync="kalscope-time")
         self._table = gui.add_markdown("")
-        bind(self._match, session, lambda words: set_match_by(MATCHES.get(words, "lag")))
-        bind(self._alternative, session, set_drawn_alternative)
-        on_user(self._export.on_click, lambda _client: self._use())
 
-    def _use(self) -> None:
+    def _use(self, _client: viser.ClientHandle) -> None:
         """The drawn filter becomes that of the channel; the page opens the Export tab."""
         if self._chain is not None:
-            self._session.request(use_chain(self._chain))
+            self._session.request(changes.use_chain(self._chain))
 
     def on_emptied(self) -> None:
         """The filter that could be exported belongs to an earlier state."""
@@ -116,20 +101,17 @@ class AlternativesView:
             self._chart.hide()
             return
         state = compared.state
-        match = next(words for words, inner in MATCHES.items() if inner == state.view.match_by)
         names = [one.name for one in compared.found.others]
         drawn = state.view.drawn_alternative if state.view.drawn_alternative in names else ALL
-        put(self._match, value=match)
+        put(self._match, value=next(words for words, inner in MATCHES.items() if inner == state.view.match_by))
         offer(self._alternative, (*names, ALL), drawn)
         self._verdict.content = verdict_of(compared)
         self._table.content = text_of(compared)
         self._draw(compared)
 
     def _draw(self, compared: Compared) -> None:
-        state, inside = compared.state, compared.inside
-        palette = DARK if state.view.dark else LIGHT
-        time, raw = compared.drawn.time[inside], compared.drawn.raw[inside]
-        clock = time_scale_for(float(np.ptp(time)) if len(time) > 1 else 1.0, state.recording.sample_period)
+        state, inside, palette = compared.state, compared.inside, palette_of(compared.state)
+        axis, raw = time_axis(compared.drawn.time[inside], state), compared.drawn.raw[inside]
         scale = scale_for(raw, state.tuning.unit)
         lines = [*gappy("raw", raw, palette.raw)]
         if compared.drawn.truth is not None:
@@ -140,8 +122,8 @@ class AlternativesView:
         for one in compared.alternatives:
             colour = colours.get(one.name, palette.truth)
             lines.append(line(compared.curve(one), one.name, colour, 1.5, scaled=False))
-        x, label, view = time * clock.factor, scale.label(short(state.channel, 14)), state.view.resets
-        self._chart.draw(x, lines, time_label(clock), label, factor=scale.factor, view=view)
+        label, view = scale.label(short(state.channel, 14)), state.view.resets
+        self._chart.draw(axis.x, lines, axis.label, label, factor=scale.factor, view=view)
 
 
 def verdict_of(compared: Compared) -> str:
@@ -169,41 +151,33 @@ def text_of(compared: Compared) -> str:
     return text if compared.state.tuning.chain is None else text.replace(" (present)", "")
 
 
-def table_of(rows: list[dict[str, str]]) -> str:
-    """A markdown table of rows, each the cells by the heads of their columns; empty columns are left out."""
-    heads = [head for head in rows[0] if any(row[head] not in ("", "–") for row in rows)]
-    lines = [heads, ["---"] * len(heads), *([row[head] or "–" for head in heads] for row in rows)]
-    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
-
-
 def cells(one: Alternative, compared: Compared) -> dict[str, str]:
     """One row of the table."""
     state, present, error = compared.state, compared.found.present, one.prediction if one.rmse is None else one.rmse
     drawn = one.name == state.view.drawn_alternative or one is present
     unit = escape_markdown(state.tuning.unit, 12) or "unit"
-    row = {
+    return {
         "filter": f"**{one.name}**" if drawn else one.name,
         "setting": one.parameters,
         "lag": lag_text(one.lag_samples, state.recording.sample_period) if one.causal else "looks ahead",
-        "noise left": "–" if np.isnan(one.noise_reduction_db) else noise_left(one.noise_reduction_db),
+        "noise left": "" if np.isnan(one.noise_reduction_db) else noise_left(one.noise_reduction_db),
         "overshoot": _overshoot(one.overshoot) if state.tuning.momentum else "",
-        f"{'error' if present.rmse is None else 'RMSE'}, {unit}": "–" if error is None else number(error, 4),
+        f"{'error' if present.rmse is None else 'RMSE'}, {unit}": "" if error is None else number(error, 4),
         "compared with yours": against(one.against)
         if one.matched or one is present
         else "not at this " + state.view.match_by,
     }
-    return {head: text.replace(" ", "\u00a0") if len(text) < MAX_UNBROKEN else text for head, text in row.items()}
 
 
 def _overshoot(share: float) -> str:
     """The overshoot of the step response; the smoother's is not known."""
-    return "–" if np.isnan(share) else "none" if share < MIN_OVERSHOOT else percent(share)
+    return "" if np.isnan(share) else "none" if share < MIN_OVERSHOOT else percent(share)
 
 
 def against(d: Difference | None) -> str:
     """A difference in words: "4.2 % worse (3.3 to 5.3)"."""
     if d is None or np.isnan(d.ratio):
-        return "–"
+        return ""
     if np.isinf(d.high):
         return "too short to tell"
     if not d.real:
@@ -237,8 +211,8 @@ class ChannelsView:
         self._table = gui.add_markdown("")
         with gui.add_folder("Set several channels", visible=False) as self._folder:
             hint = "All together: each change under Tune sets every channel. Undo reverts it."
-            self._together = gui.add_dropdown("apply to", LINKS, hint=hint)
-        bind(self._together, session, set_link)
+            together = gui.add_dropdown("apply to", LINKS, hint=hint)
+        self._together = bind(together, session, changes.set_link)
 
     def show(self, frame: Frame) -> None:
         """Offer the other channels."""
@@ -254,21 +228,18 @@ class ChannelsView:
             height = max(60 + LANE_HEIGHT * len(overview.lanes), MIN_HEIGHT)
             self._chart.handle.height = height
             view, ends = overview.state.view.resets, (0.5, len(overview.lanes) + 0.5)
-            x, lines, label = lanes_of(overview)
-            self._chart.draw(x, lines, label, "channel", view=view, y_range=ends, lanes=True)
+            axis = time_axis(overview.time, overview.state)
+            self._chart.draw(axis.x, lanes_of(overview), axis.label, "channel", view=view, y_range=ends, lanes=True)
 
 
-def lanes_of(overview: Overview) -> tuple[Array, list[ChartLine], str]:
+def lanes_of(overview: Overview) -> list[ChartLine]:
     """The chart: lane 1 on top; raw and filtered in the colours of the Signal tab, the channel on screen bolder."""
-    state, time = overview.state, overview.time
-    palette = DARK if state.view.dark else LIGHT
-    clock = time_scale_for(float(np.ptp(time)) if len(time) > 1 else 1.0, state.recording.sample_period)
-    lines: list[ChartLine] = []
+    state, palette, lines = overview.state, palette_of(overview.state), list[ChartLine]()
     for i, lane in enumerate(overview.lanes, 1):
         width = 3 if state.measured == (lane.name,) else 2
         lines += gappy(f"{i} raw", i - HALF_LANE * lane.raw, palette.raw)[:1]
         lines.append(line(i - HALF_LANE * lane.filtered, f"{i}", palette.filtered, width))
-    return time * clock.factor, lines, time_label(clock)
+    return lines
 
 
 def lead_of(overview: Overview) -> str:
@@ -284,9 +255,8 @@ def lead_of(overview: Overview) -> str:
 
 def settings_of(overview: Overview) -> str:
     """The channels with their settings; markdown, names escaped."""
-    return (
-        table_of([_row(overview.state, i, lane) for i, lane in enumerate(overview.lanes)]) if overview.lanes else ""
-    )
+    rows = [_row(overview.state, i, lane) for i, lane in enumerate(overview.lanes)]
+    return table_of(rows) if rows else ""
 
 
 def _row(state: State, i: int, lane: Lane) -> dict[str, str]:
@@ -298,9 +268,9 @@ def _row(state: State, i: int, lane: Lane) -> dict[str, str]:
     if tuning.filter.is_standard:
         steady = steady_state(tuning.params)
         row |= {"q": number(tuning.q), "r": number(tuning.r)}
-        row["τ"] = momentum_words(tuning.momentum, period) if tuning.momentum else ""
-        row["lag"] = lag_text(steady.lag_samples, period).replace(" ", "\u00a0")
-        row["noise left"] = noise_left(steady.noise_reduction_db).replace(" ", "\u00a0")
+        row["τ"] = changes.momentum_words(tuning.momentum, period) if tuning.momentum else ""
+        row["lag"] = lag_text(steady.lag_samples, period)
+        row["noise left"] = noise_left(steady.noise_reduction_db)
     row["from … to"] = f"{number(lane.low)} … {number(lane.high)} {unit}".strip() if np.isfinite(lane.low) else ""
     row["missing"] = count(lane.missing) if lane.missing else ""
     return row
@@ -334,7 +304,7 @@ class SpectrumView:
             self._density.hide()
             self._response.hide()
             return
-        found, state, palette = spectra.found, spectra.state, DARK if spectra.state.view.dark else LIGHT
+        found, state, palette = spectra.found, spectra.state, palette_of(spectra.state)
         unit, per = ("Hz", "/Hz") if found.in_hertz else ("cycles/sample", " per cycle/sample")
         self._text.content, self._note.content = f"**{cutoff_words(found)}**", found.note
         label, fine, view = f"frequency ({unit})", spectra.fine, state.view.resets
@@ -370,7 +340,7 @@ class AllanView:
             self._note.content = ""
             self._chart.hide()
             return
-        found, state, palette = allan.found, allan.state, DARK if allan.state.view.dark else LIGHT
+        found, state, palette = allan.found, allan.state, palette_of(allan.state)
         self._text.content, self._note.content = f"**{found.message}**", ABOUT_ALLAN
         clock = Scale(1.0, "s" if found.in_seconds else "samples")
         low, high, (deviation, model) = floored((found.deviation, found.model))

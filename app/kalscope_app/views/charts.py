@@ -16,6 +16,7 @@ from kalscope.common.text import TIME_UNITS, number, trimmed
 from kalscope.filtering.steady import steady_state
 from kalscope_app.engine.filter_runs import Cache, DrawnSamples, choose_indices
 from kalscope_app.engine.frame import Frame
+from kalscope_app.session.state import State
 from kalscope_app.views.widgets import put
 from kalscope_app.views.window import height_of
 
@@ -148,6 +149,11 @@ class Palette:
 
 
 LIGHT, DARK = Palette(dark=False), Palette(dark=True)
+
+
+def palette_of(state: State) -> Palette:
+    """The colours of the theme on screen."""
+    return DARK if state.view.dark else LIGHT
 
 
 @dataclass(frozen=True)
@@ -423,12 +429,12 @@ class TimeAxis:
         return self.first * self.scale.factor, self.last * self.scale.factor
 
 
-def time_axis(frame: Frame) -> TimeAxis:
-    """The time axis that the charts share.
+def time_axis(time: Array, state: State) -> TimeAxis:
+    """The time axis of samples drawn at these times, s, which the charts share.
 
     A window that follows counts back from the newest sample, so that neither its axis nor a zoom moves.
     """
-    time, live, recording, origin = frame.drawn.time, frame.state.live, frame.state.recording, 0.0
+    live, recording, origin = state.live, state.recording, 0.0
     first, last = (float(time[0]), float(time[-1])) if len(time) else (0.0, 1.0)
     last = last if len(time) > 1 else first + 1.0
     follows = live is not None and live.following and live.snapshot is not None
@@ -436,7 +442,7 @@ def time_axis(frame: Frame) -> TimeAxis:
         origin = float(recording.time[-1])
         first, last = -(live.span if math.isfinite(live.span) else rounded_up(last - first)), 0.0
     scale = time_scale_for(last - first, recording.sample_period)
-    label = time_label(scale).replace("time", "time before now" if follows else "time")
+    label = "sample" if scale.unit == "samples" else scale.label("time before now" if follows else "time")
     return TimeAxis((time - origin) * scale.factor, scale, label, first, last, origin)
 
 
@@ -444,11 +450,6 @@ def rounded_up(value: float) -> float:
     """The next of 1, 2, 5 × 10^k, so that a growing axis changes only now and then."""
     decade = 10.0 ** math.floor(math.log10(max(value, 1e-3)))
     return next(step * decade for step in (1.0, 2.0, 5.0, 10.0) if step * decade >= value)
-
-
-def time_label(clock: Scale) -> str:
-    """Name of a time axis, with its unit."""
-    return "sample" if clock.unit == "samples" else clock.label("time")
 
 
 # Fewer points for a chart that is drawn at every step of a control that moves.

@@ -19,27 +19,12 @@ from kalscope.common.text import count, number, trimmed
 from kalscope.estimation.request import Noise, Request
 from kalscope.filtering.steady import steady_state
 from kalscope_app.engine.frame import Frame
-from kalscope_app.session.changes import (
-    FOR_LAG,
-    change_for,
-    is_same_signal,
-    set_why_shown,
-)
+from kalscope_app.session.changes import FOR_LAG, change_for, is_same_signal, set_why_shown
 from kalscope_app.session.session import Session
 from kalscope_app.session.state import State
 from kalscope_app.studies.checks import Checks, Judged
-from kalscope_app.views.charts import (
-    DARK,
-    LIGHT,
-    Chart,
-    ChartLine,
-    band,
-    line,
-    marks,
-    range_text,
-    time_scale_for,
-)
-from kalscope_app.views.widgets import capitalised, escape_markdown, on_user
+from kalscope_app.views.charts import Chart, ChartLine, band, line, marks, palette_of, range_text, time_scale_for
+from kalscope_app.views.widgets import add_button, capitalised, escape_markdown, table_of
 from kalscope_app.views.window import VERDICT
 
 # Advice as buttons: the label of each, and the one undoable step that it takes.
@@ -144,8 +129,8 @@ class VerdictView:
     def __init__(self, gui: viser.GuiApi, session: Session) -> None:
         self._session, self._shown = session, False
         gui.add_html(VERDICT)
-        self._word = gui.add_button("…", hint="Whether the filter fits the recording. Click for the reasons.")
-        on_user(self._word.on_click, lambda _client: session.request(set_why_shown(not self._shown)))
+        hint = "Whether the filter fits the recording. Click for the reasons."
+        self._word = add_button(gui, "…", hint, lambda _client: session.request(set_why_shown(not self._shown)))
 
     def build_reasons(self, gui: viser.GuiApi) -> None:
         """What the word hides: built separately, so that another button can be placed beside the word."""
@@ -192,9 +177,9 @@ class AdviceRow:
     def __init__(self, gui: viser.GuiApi, act: Callable[[Action, State], None]) -> None:
         """Args: the panel; does what was advised about a state."""
         self._text = gui.add_markdown("", visible=False)
-        self._button = gui.add_button("", visible=False, hint="One step; Undo reverts it.")
         self._shown: tuple[Action, State] | None = None
-        on_user(self._button.on_click, lambda _client: self._shown and act(*self._shown))
+        hint = "One step; Undo reverts it."
+        self._button = add_button(gui, "", hint, lambda _: self._shown and act(*self._shown), visible=False)
 
     def show(self, advice: Finding | None, checks: Checks | None) -> None:
         """Write the advice; without one, or without anything to do about it, take the row or the button away."""
@@ -230,7 +215,7 @@ class ChecksView:
 
 def correlation_lines(checks: Checks) -> tuple[Array, list[ChartLine]]:
     """Autocorrelation of the innovation at lags 1 … h, and the 95 % bound of white noise."""
-    d, palette = checks.all_samples, DARK if checks.state.view.dark else LIGHT
+    d, palette = checks.all_samples, palette_of(checks.state)
     bound = np.full(len(d.correlation), d.r1_bound)
     edges = band(0.0, bound, "bound", palette.innovation + palette.band, scaled=True)
     points, name = marks(palette.innovation, 7), "autocorrelation of the innovation"
@@ -245,9 +230,11 @@ def table(checks: Checks) -> str:
     half = "NIS of the second half" + (", fitted on the first" if checks.fitted_on_first_half else "")
     size, *others = residual_rows(d)
     rows = [size, (half, number(checks.held_out.nis), expected_nis(checks.held_out)), *others]
-    head = (
+    cells = [
+        {"test": name, "measured": f"**{seen}**", "expected (95\u00a0%)": wanted} for name, seen, wanted in rows
+    ]
+    return (
         f"**{checks.judgement.headline}**\n\n"
-        f"If q and r fit, the innovation is white noise of the expected size. Tested on {count(d.n)} samples.\n\n"
-        "| test | measured | expected (95\u00a0%) |\n|---|---|---|\n"
+        "If q and r fit, the innovation is white noise of the expected size. "
+        f"Tested on {count(d.n)} samples.\n\n{table_of(cells)}"
     )
-    return head + "\n".join(f"| {name} | **{seen}** | {wanted} |" for name, seen, wanted in rows)

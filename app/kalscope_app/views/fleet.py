@@ -15,7 +15,7 @@ from kalscope_app.engine.jobs import Jobs
 from kalscope_app.session.changes import close_fleet, find_devices, set_fleet_order
 from kalscope_app.session.session import Failed, Session
 from kalscope_app.session.state import ORDERS, OpenFleet, loss_text
-from kalscope_app.views.widgets import add_button, bind, escape_markdown, offer, on_user, put
+from kalscope_app.views.widgets import add_button, bind, escape_markdown, offer, on_user, put, table_of
 
 if TYPE_CHECKING:
     from kalscope.fleet.results import Fleet
@@ -59,9 +59,7 @@ def fleet_table(shown: OpenFleet) -> str:
     cells = [[escape_markdown(text, 200) for text in row] for row in fleet_rows(shown.fleet, shown.rows)]
     for row, i in zip(cells, shown.rows, strict=True):
         row[1] = f"**{row[1]}**" if shown.fleet.outlier[i] else row[1]
-    shown_columns = len(HEAD) if any(row[-1] for row in cells) else len(HEAD) - 1
-    lines = (HEAD, ("---",) * len(HEAD), *cells)
-    return "\n".join(f"| {' | '.join(line[:shown_columns])} |" for line in lines) if cells else "None."
+    return table_of([dict(zip(HEAD, row, strict=True)) for row in cells]) if cells else "None."
 
 
 def device_labels(shown: OpenFleet) -> dict[str, int]:
@@ -125,16 +123,15 @@ class FleetTab:
         gui, session = self._gui, self._session
         with self._pane.add_tab("Fleet") as tab:
             self._about = gui.add_markdown("")
-            self._order = gui.add_dropdown("sort by", tuple(ORDERS), hint="Which devices the table begins with.")
-            self._find = gui.add_text("find device", shown.find, hint="Part of its name.")
+            order = gui.add_dropdown("sort by", tuple(ORDERS), hint="Which devices the table begins with.")
+            self._order = bind(order, session, set_fleet_order)
+            bind(gui.add_text("find device", shown.find, hint="Part of its name."), session, find_devices)
             self._table = gui.add_markdown("")
             hint = "Opens its recording; so does a click on its point in the map."
             self._device = gui.add_dropdown("open device", list[str]([NONE]), hint=hint)
             for label, (hint, name, make) in DOWNLOADS.items():
                 add_button(gui, label, hint, partial(self._send, name, make))
             add_button(gui, "Close fleet", "Take its devices off the map.", lambda _: session.request(close_fleet))
-        bind(self._order, session, set_fleet_order)
-        bind(self._find, session, find_devices)
         on_user(self._device.on_update, lambda _client: self._on_device())
         return tab
 

@@ -21,8 +21,8 @@ from kalscope_app.engine.jobs import Jobs
 from kalscope_app.session.changes import apply_found, momentum_words, set_search_method
 from kalscope_app.session.session import Failed, Session
 from kalscope_app.session.state import Outcome, State
-from kalscope_app.views.charts import DARK, LIGHT, Chart, dots, line, time_scale_for
-from kalscope_app.views.widgets import SlowJob, bind, noise_left, on_user, put, typed
+from kalscope_app.views.charts import Chart, dots, line, palette_of, time_scale_for
+from kalscope_app.views.widgets import SlowJob, bind, noise_left, on_user, put, table_of, typed
 from kalscope_app.views.window import LAG_NUMBER, PRIMARY
 
 # The ways to find q and r that the dashboard offers: what each asks the user for, and the search it requests.
@@ -147,13 +147,13 @@ def settings_text(state: State) -> str:
     if not (settings := settings_of(state)):
         return ""
     period = state.recording.sample_period
-    cells = [
-        (name, _glued(lag_text(one.lag_samples, period)), percent(one.noise_left), percent(one.movement_lost))
+    heads = "", "lag", "noise left", "movement lost"
+    cells = (
+        (name, lag_text(one.lag_samples, period), percent(one.noise_left), percent(one.movement_lost))
         for name, one in settings.items()
-    ]
-    rows = (f"| {' | '.join(row)} |" for row in cells)
-    head = "| | lag | noise left | movement lost |\n|---|---|---|---|\n"
-    return f"Hardly any noise to remove without losing movement. Choose:\n\n{head}" + "\n".join(rows)
+    )
+    table = table_of([dict(zip(heads, row, strict=True)) for row in cells])
+    return f"Hardly any noise to remove without losing movement. Choose:\n\n{table}"
 
 
 # What the last search gave, in a sentence below Apply: what the filter costs, and what has changed.
@@ -351,7 +351,7 @@ class CostsView:
         if not is_shown:
             self._chart.hide()
             return
-        period, palette = state.recording.sample_period, DARK if state.view.dark else LIGHT
+        period, palette = state.recording.sample_period, palette_of(state)
         known, now = np.array([one.lag_samples for one in costs]), float(frame.steady.lag_samples)
         scale = time_scale_for(math.sqrt(known[0] * known[-1]) * (period or 1.0), period)
         self._unit = scale.factor * (period or 1.0)

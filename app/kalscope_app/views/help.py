@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import viser
 
 from kalscope_app.engine.jobs import Jobs
-from kalscope_app.views.widgets import add_button
+from kalscope_app.views.widgets import add_button, table_of
 from kalscope_app.views.window import STEPS_BUTTON
 
 if TYPE_CHECKING:
@@ -65,7 +65,7 @@ KEYS = {
 
 def add_help(gui: viser.GuiApi, steps: FirstSteps) -> None:
     """The Help tab: a card and a button."""
-    rows = "\n".join(f"| {what} | {does} |" for what, does in KEYS.items())
-    gui.add_markdown(f"| keys and mouse | what it does |\n|---|---|\n{rows}\n\nOn a Mac: Cmd for Ctrl.")
+    rows = [{"keys and mouse": what, "what it does": does} for what, does in KEYS.items()]
+    gui.add_markdown(f"{table_of(rows)}\n\nOn a Mac: Cmd for Ctrl.")
     add_button(gui, STEPS_BUTTON, "In the Tune tab, above the goal.", lambda _client: steps.show())
     gui.add_markdown("Point at a control to read what it does.")

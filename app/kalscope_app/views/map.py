@@ -1,4 +1,4 @@
-"""The tuning map between the panels: its colours, its picture, and the mark of the present setting."""
+"""The tuning map between the panels: its colours, its picture, and the position of the present setting."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import viser
 from numpy.typing import NDArray
-from PIL import Image, ImageDraw
 
 from kalscope.common.charts import drawing
 from kalscope.common.text import DURATIONS, duration, number, squared, trimmed
@@ -32,10 +31,10 @@ from kalscope_app.studies.tuning_map import (
     lag_lines,
     nothing,
 )
-from kalscope_app.views.charts import DARK, LIGHT, Palette
+from kalscope_app.views.charts import Palette, palette_of
 from kalscope_app.views.phone import page_figure, pixels_of
 from kalscope_app.views.widgets import on_user, put
-from kalscope_app.views.window import MAP_MARK, MAP_PICTURE, MAP_POINTED, MAP_PRESENT
+from kalscope_app.views.window import MAP_PICTURE, MAP_POINTED, MAP_PRESENT
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -70,7 +69,7 @@ FIRST_PAPER = 0.01
 
 def draw_map_picture(state: State, shown: TuningMap) -> NDArray[np.uint8]:
     """The whole picture, shape (SHARPNESS · height, SHARPNESS · width, 3)."""
-    frame, palette = shown.frame, DARK if state.view.dark else LIGHT
+    frame, palette = shown.frame, palette_of(state)
     with drawing():
         figure = page_figure(frame.width, frame.height, palette.paper, SHARPNESS)
         if not shown.marks:
@@ -230,21 +229,9 @@ def _write_legend(figure: Figure, axes: Axes, shown: TuningMap, unit: str, palet
     figure.legend(handles, labels, loc="upper left", **style)
 
 
-def draw_ring(*, dark: bool) -> NDArray[np.uint8]:
-    """The mark of the present point, shape (64, 64, 4): a ring with a dot, with an edge of the other lightness."""
-    palette = DARK if dark else LIGHT
-    image = Image.new("RGBA", (64, 64), (0, 0, 0, 0))
-    draw = ImageDraw.Draw(image)
-    for width, colour in ((13, palette.paper), (7, palette.filtered)):
-        inset = 6 + (13 - width) // 2
-        draw.ellipse((inset, inset, 63 - inset, 63 - inset), outline=colour, width=width)
-    draw.ellipse((27, 27, 36, 36), fill=palette.filtered, outline=palette.paper, width=2)
-    return np.asarray(image)
-
-
 # The tuning map between the panels: a flat picture, the mark of the present point, what the mouse does.
 #
-# Picture, mark and mouse are hidden widgets here; `map.js` shows them over viser's canvas.
+# Picture, position of the mark and mouse are hidden widgets here; `map.js` shows them over viser's canvas.
 
 
 NOWHERE = (-1.0, -1.0)
@@ -280,7 +267,6 @@ class TuningMapView:
         """The widgets that the page shows as the map."""
         dot = np.zeros((2, 2, 3), dtype=np.uint8)
         self._picture = gui.add_image(dot, label=MAP_PICTURE, format="jpeg", jpeg_quality=90, visible=False)
-        self._mark = gui.add_image(draw_ring(dark=False), label=MAP_MARK, format="png", visible=False)
         self._present = gui.add_vector2(MAP_PRESENT, NOWHERE, visible=False, hint="Hidden.")
         self._pointed = gui.add_vector3(MAP_POINTED, (0.0, 0.0, 0.0), visible=False, hint="Hidden.")
         on_user(self._pointed.on_update, lambda _client: self._on_pointed())
@@ -343,5 +329,4 @@ class TuningMapView:
         what = shown, state.tuning.unit, period, dark, state.variants
         picture = self._pictures.once(lambda: draw_map_picture(state, shown), *what)
         if picture is not self._drawn:
-            self._mark.image, self._picture.image = draw_ring(dark=dark), picture
-            self._drawn = picture
+            self._drawn = self._picture.image = picture

@@ -12,13 +12,7 @@ from numpy.typing import NDArray
 from kalscope.common.charts import drawing
 from kalscope.common.text import lag_text, noise_left, number, percent
 from kalscope_app.engine.frame import Frame
-from kalscope_app.views.charts import (
-    DARK,
-    LIGHT,
-    scale_for,
-    short,
-    time_axis,
-)
+from kalscope_app.views.charts import palette_of, scale_for, short, time_axis
 from kalscope_app.views.window import PHONE_CHECKBOX, shape_of
 
 if TYPE_CHECKING:
@@ -106,7 +100,7 @@ class PhonePictures:
 
 def draw_picture(frame: Frame, shape: float) -> NDArray[np.uint8]:
     """Raw and filtered signal with its band, for a canvas of `shape` = width : height; (height, width, 3)."""
-    palette = DARK if frame.state.view.dark else LIGHT
+    palette = palette_of(frame.state)
     height, scale = round(WIDTH / shape), scale_for(frame.drawn.raw, frame.state.tuning.unit)
     with drawing():
         figure = page_figure(WIDTH, height, palette.paper)
@@ -114,7 +108,7 @@ def draw_picture(frame: Frame, shape: float) -> NDArray[np.uint8]:
         _draw_curves(axes, frame, scale.factor)
         style: dict[str, Any] = {"color": palette.ink, "fontsize": 24}
         axes.set_title(scale.label(short(frame.state.tuning.name, 24)), fontweight="normal", **style)
-        axes.set_xlabel(time_axis(frame).label, **style)
+        axes.set_xlabel(time_axis(frame.drawn.time, frame.state).label, **style)
         axes.tick_params(labelsize=20, labelcolor=palette.ink)
         axes.locator_params(nbins=4)
         axes.grid(color=palette.quiet, alpha=0.3)
@@ -140,8 +134,8 @@ def _numbers(frame: Frame) -> list[tuple[str, str]]:
 
 def _draw_curves(axes: Axes, frame: Frame, factor: float) -> None:
     """Points where the readings have gaps, else lines; the range of y follows the signal, as in the chart."""
-    shown, palette = frame.drawn, DARK if frame.state.view.dark else LIGHT
-    x, colours = time_axis(frame).x, palette.sensors
+    shown, palette = frame.drawn, palette_of(frame.state)
+    x, colours = time_axis(shown.time, frame.state).x, palette.sensors
     raws = [(one.name, one.raw, colours[one.colour % len(colours)]) for one in frame.sensors]
     raws = raws or [("raw", shown.raw, palette.raw)]
     for name, raw, colour in raws:

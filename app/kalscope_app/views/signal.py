@@ -16,21 +16,10 @@ from kalscope.common.text import count, number
 from kalscope.sources.reading.account import warnings
 from kalscope_app.engine.filter_runs import Cache
 from kalscope_app.engine.frame import Frame
-from kalscope_app.session.changes import (
-    SPANS,
-    WAITING,
-    follow,
-    live_window,
-    reset_view,
-    set_paused,
-    set_span,
-    set_window,
-)
+from kalscope_app.session import changes
 from kalscope_app.session.session import Session
 from kalscope_app.session.state import Live
 from kalscope_app.views.charts import (
-    DARK,
-    LIGHT,
     Chart,
     ChartLine,
     Ends,
@@ -39,6 +28,7 @@ from kalscope_app.views.charts import (
     gappy,
     lag_line,
     line,
+    palette_of,
     places_to_keep,
     range_text,
     raw_lines,
@@ -77,41 +67,43 @@ class WindowView:
         self._buttons = gui.add_button_group("", ("Reset view",), visible=False, hint="Show all of the recording.")
         hint = "Follow the newest sample, or freeze the charts."
         self._live = gui.add_button_group("live", ("Live", "Pause"), hint=hint, visible=False)
-        self._span = gui.add_dropdown(
-            "shows the last", tuple(SPANS), initial_value="10 s", hint="Length of the live window.", visible=False
+        hint = "Length of the live window."
+        span = gui.add_dropdown(
+            "shows the last", tuple(changes.SPANS), initial_value="10 s", hint=hint, visible=False
         )
+        self._span = bind(span, session, changes.set_span)
         self._serial = 0
         self._moved_at = -math.inf
         self._scale = Scale(1.0, "s")
-        changes = {"Reset view": reset_view, "Live": follow, "Pause": set_paused(True)}
+        steps = {"Reset view": changes.reset_view, "Live": changes.follow, "Pause": changes.set_paused(True)}
         on_user(self._range.on_update, lambda _client: self._file())
         on_user(self._zoom.on_update, lambda _client: self._file_zoom())
         for buttons in (self._buttons, self._live):
-            on_user(buttons.on_click, lambda _client, pressed=buttons: session.request(changes[pressed.value]))
-        bind(self._span, session, set_span)
+            on_user(buttons.on_click, lambda _client, pressed=buttons: session.request(steps[pressed.value]))
 
     def _file(self) -> None:
         first, last = (float(end) / self._scale.factor for end in self._range.value)
-        self._serial = self._session.request(set_window(first, last), key="view")
+        self._serial = self._session.request(changes.set_window(first, last), key="view")
 
     def _file_zoom(self) -> None:
         ends, (first, last) = self._zoom.value, self._drawn
         self._zoom.value = WINDOW  # the same shares must count again
         low, high = (first + share * (last - first) for share in ends)
         zoomed = 0.0 <= ends[0] < ends[1] <= 1.0
-        self._serial = self._session.request(set_window(low, high) if zoomed else reset_view, key="view")
+        change = changes.set_window(low, high) if zoomed else changes.reset_view
+        self._serial = self._session.request(change, key="view")
 
     def _show_live(self, live: Live | None, *, zoomed: bool) -> None:
         self._live.visible = self._span.visible = live is not None
         put(self._range, visible=zoomed or live is not None)
         put(self._buttons, visible=zoomed and live is None)
         if live is not None:
-            self._span.value = next(words for words, span in SPANS.items() if span == live.span)
+            self._span.value = next(words for words, span in changes.SPANS.items() if span == live.span)
             self._live.label = "live, paused" if live.paused else "live" if live.following else "looking back"
 
     def show(self, frame: Frame) -> None:
         """Follow the frame unless the range has moved since."""
-        live, axis = frame.state.live, time_axis(frame)
+        live, axis = frame.state.live, time_axis(frame.drawn.time, frame.state)
         self._show_live(live, zoomed=frame.state.view.window is not None)
         self._drawn = axis.origin + axis.first, axis.origin + axis.last
         if live is not None and live.following and time.monotonic() - self._moved_at < 1.0:
@@ -123,7 +115,7 @@ class WindowView:
         high = high if high > low else low + 1.0
         if frame.serial < self._serial:
             return
-        window = live_window(frame.state) or (begin, end)
+        window = changes.live_window(frame.state) or (begin, end)
         value = tuple(min(max(end * self._scale.factor, low), high) for end in window)
         self._range.min, self._range.max, self._range.step = low, high, (high - low) / 1000.0
         self._range.value = value
@@ -169,33 +161,34 @@ class SignalView:
 
     def show_below(self, frame: Frame) -> None:
         """Draw the charts below the signal, and write the line above it."""
-        state, palette = frame.state, DARK if frame.state.view.dark else LIGHT
+        state, palette = frame.state, palette_of(frame.state)
         put(self._heading, content=(HEADING if state.live is not None else "") + heading_of(frame))
         name, lines = innovation_lines(frame)
         scale = scale_for(np.concatenate([one.y for one in lines]), state.tuning.unit)
         label = scale.label(name)  # with the unit where there is room
         self._draw(self.innovation, frame, lines, label if len(label) <= MAX_LABEL_LETTERS else name, scale)
         if frame.velocity is not None and frame.velocity_spread is not None:
-            self.gain.hide()
-            per = " per sample" if state.recording.sample_period is None else "/s"
-            unit = f"{state.tuning.unit or 'unit'}{per}"
+            unit = (
+                f"{state.tuning.unit or 'unit'}{' per sample' if state.recording.sample_period is None else '/s'}"
+            )
             scale = scale_for(frame.velocity, unit)
             edges = band(frame.velocity, frame.velocity_spread, "2σ", palette.gain + palette.band)
             middle = line(frame.velocity, scale.label("velocity"), palette.gain, 2)  # the unit is in the legend
             self._draw(self.velocity, frame, [*edges, middle], "velocity", scale)
-            return
-        if frame.moving is not None:
-            self.gain.hide()
+        elif frame.moving is not None:
             strip = line(frame.moving, "probability of moving", palette.gain, 2)
             self._draw(self.velocity, frame, [strip], "moving", Scale(1.0, ""), y_range=(0.0, 1.0))
-            return
-        self.velocity.hide()
-        if not (state.view.gain_shown and state.has_gain):
+        else:
+            self.velocity.hide()
+        if frame.velocity is None and frame.moving is None and state.view.gain_shown and state.has_gain:
+            self._draw_gain(frame)
+        else:
             self.gain.hide()
-            return
+
+    def _draw_gain(self, frame: Frame) -> None:
         top = float(frame.gain.max(initial=0.0))
         ends = 0.0, next((level for level in GAIN_LEVELS if top <= level), 1.0)
-        lines = [line(frame.gain, "gain K", palette.gain, 2)]
+        lines = [line(frame.gain, "gain K", palette_of(frame.state).gain, 2)]
         self.gain.draw(frame.gain_samples, lines, "samples since start", "gain K", y_range=ends)
 
     def _height_above(self, frame: Frame) -> int:
@@ -221,9 +214,9 @@ class SignalView:
         y_range: Ends | None = None,
     ) -> None:
         """Draw over time; `places`: the only points to draw."""
-        axis, x = time_axis(frame), time_axis(frame).x
-        if places is not None:
-            x, lines = x[places], [replace(one, y=one.y[places]) for one in lines]
+        axis = time_axis(frame.drawn.time, frame.state)
+        x = axis.x if places is None else axis.x[places]
+        lines = lines if places is None else [replace(one, y=one.y[places]) for one in lines]
         space = 30 if chart is self.signal else 15  # with fewer ticks a low chart has a 0 and no other number
         view, reach = frame.state.view.resets, axis.reach
         chart.draw(
@@ -236,7 +229,7 @@ def signal_lines(frame: Frame) -> list[ChartLine]:
 
     Only the measurements and the truth set the y range: a large start-up transient may leave the chart.
     """
-    shown, state, palette = frame.drawn, frame.state, DARK if frame.state.view.dark else LIGHT
+    shown, state, palette = frame.drawn, frame.state, palette_of(frame.state)
     lines = [*(sensor_lines(frame, palette, raw=True) or raw_lines(shown, palette))]
     if state.tuning.chain is None:  # the error of a chain is not known
         lines += band(frame.filtered, frame.spread, "2√p", palette.filtered + palette.band)
@@ -263,7 +256,7 @@ def innovation_lines(frame: Frame) -> tuple[str, list[ChartLine]]:
 
     How far the sensors are from the fused value, or raw from filtered behind a chain: these have no innovation.
     """
-    palette = DARK if frame.state.view.dark else LIGHT
+    palette = palette_of(frame.state)
     if frame.sensors:
         return "sensor − fused", sensor_lines(frame, palette, raw=False)
     if frame.state.tuning.chain is not None:
@@ -282,9 +275,9 @@ def heading_of(frame: Frame) -> str:
     """Size, what is not drawn, and the status of the board; one line of markdown."""
     record, shown = frame.state.recording, frame.drawn
     waits = frame.state.live is not None and frame.state.live.waits
-    axis = time_axis(frame)
+    axis = time_axis(frame.drawn.time, frame.state)
     parts = [] if frame.state.live is not None else [f"{range_text(*axis.reach)} {axis.scale.unit}"]
-    parts.append(WAITING if waits else f"{count(len(record))} samples")
+    parts.append(changes.WAITING if waits else f"{count(len(record))} samples")
     if shown.missing and not waits:
         parts.append(f"{count(shown.missing)} missing")
     if frame.state.live is None and warnings(record):

@@ -12,12 +12,9 @@ from kalscope_app.session.changes import delete_variant, momentum_words, use_var
 from kalscope_app.session.session import Session
 from kalscope_app.session.state import MAX_VARIANTS, Variant
 from kalscope_app.studies.comparisons import VariantComparison, VariantRow
-from kalscope_app.views.widgets import capitalised, escape_markdown, offer, on_user
+from kalscope_app.views.widgets import capitalised, escape_markdown, offer, on_user, table_of
 
 NOTHING = "–"
-
-MAX_UNBROKEN = 20
-"""Characters from which a cell of the table may break: the words of a chain."""
 
 EMPTY = (
     "Nothing is pinned on this channel yet. **Pin**, in the Tune tab, keeps the current filter "
@@ -76,13 +73,9 @@ def table_text(table: VariantComparison) -> str:
         return FOR_ONE_CHANNEL
     if not table.state.variants:
         return EMPTY
-    rows = [_cells(table, row) for row in table.rows]
-    columns = [name for name in rows[0] if any(cells[name] for cells in rows)]
-    shown = [columns, *([cells[name] or "–" for name in columns] for cells in rows)]
-    head, *lines = (f"| {' | '.join(line)} |" for line in shown)
     scored = {row.measures.fit.scored for row in table.rows if row.measures.fit}
-    table_lines = "\n".join([head, "|" + "---|" * len(columns), *lines])
-    return f"{table_lines}\n\n{EXPLAINED}{COMPARED[len(scored) < 2]}"
+    lines = table_of([_cells(table, row) for row in table.rows])
+    return f"{lines}\n\n{EXPLAINED}{COMPARED[len(scored) < 2]}"
 
 
 def _cells(table: VariantComparison, row: VariantRow) -> dict[str, str]:
@@ -92,7 +85,8 @@ def _cells(table: VariantComparison, row: VariantRow) -> dict[str, str]:
     used = chain is None or chain.then is None
     unit = escape_markdown(table.state.tuning.unit, 12)
     quiet = "✓" if fit is not None and abs(fit.diagnostics.r1) <= fit.diagnostics.r1_bound else "✗"
-    numbers = {
+    return {
+        "": "**current**" if row.variant is None else mark(row.variant, dark=table.state.view.dark),
         "filter": ("Kalman" if chain is None else capitalised(chain.words)) if table.with_chain else "",
         "q": number(tuning.q) if used else "",
         "r": number(tuning.r) if used else "",
@@ -105,9 +99,6 @@ def _cells(table: VariantComparison, row: VariantRow) -> dict[str, str]:
         "lag‑1 corr.": "" if fit is None else f"{correlation(fit.diagnostics.r1)} {quiet}",
         "log-likelihood": "" if fit is None else number(fit.loglik, 6),
     }
-    name = "**current**" if row.variant is None else mark(row.variant, dark=table.state.view.dark)
-    glued = (cell if len(cell) > MAX_UNBROKEN else cell.replace(" ", "\u00a0") for cell in numbers.values())
-    return {"": name, **dict(zip(numbers, glued, strict=True))}
 
 
 def mark(variant: Variant, *, dark: bool) -> str:

@@ -6,8 +6,8 @@ import math
 import re
 import threading
 import time
-from collections.abc import Callable, Iterable
-from typing import Any
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Any, TypeVar
 
 import viser
 
@@ -18,7 +18,9 @@ from kalscope_app.session.changes import set_text
 from kalscope_app.session.session import Failed, Session
 from kalscope_app.session.state import Change
 
-# Words in markdown: names from outside the program, and the beginning of a sentence.
+H = TypeVar("H", bound=viser.GuiInputHandle[Any])
+
+# Words in markdown: names from outside the program, the beginning of a sentence, and tables.
 
 
 def escape_markdown(text: str, limit: int = 60) -> str:
@@ -36,6 +38,18 @@ def capitalised(words: str) -> str:
 def noise_left(reduction_db: float) -> str:
     """The size of the noise that is left, as a share of its standard deviation: 22 %."""
     return percent(10.0 ** (-reduction_db / 20.0))
+
+
+MAX_UNBROKEN = 13
+"""Characters up to which a cell of a table stays on one line, so that seven columns fit at 1280 px."""
+
+
+def table_of(rows: Sequence[Mapping[str, str]]) -> str:
+    """A markdown table of rows, each the cells by the heads of their columns; empty columns are left out."""
+    heads = [head for head in rows[0] if any(row[head] for row in rows)]
+    cells = [[row[head] or "–" for head in heads] for row in rows]
+    glued = ([one.replace(" ", "\u00a0") if len(one) <= MAX_UNBROKEN else one for one in row] for row in cells)
+    return "\n".join(f"| {' | '.join(line)} |" for line in (heads, ["---"] * len(heads), *glued))
 
 
 # Connects widgets with the session: what a user does with a widget files a request.
@@ -100,9 +114,10 @@ class SlowJob:
             self._bar.visible = self._cancel.visible = True
 
 
-def bind(handle: Any, session: Session, change: Callable[[Any], Change]) -> None:
-    """Request `change(value)` whenever a user edits this widget."""
+def bind(handle: H, session: Session, change: Callable[[Any], Change]) -> H:
+    """The widget, which requests `change(value)` whenever a user edits it."""
     on_user(handle.on_update, lambda _client: session.request(change(handle.value)))
+    return handle
 
 
 def put(handle: Any, **properties: Any) -> None:

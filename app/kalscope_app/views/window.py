@@ -306,8 +306,8 @@ ZOOM_SLIDER = "zoom"
 LAG_NUMBER = "lag chosen"
 """Label of the hidden number with which a page reports the lag that was clicked, in the unit of the axis."""
 
-MAP_PICTURE, MAP_MARK = "map picture", "map mark"
-"""Labels of the hidden images that the page shows as the tuning map."""
+MAP_PICTURE = "map picture"
+"""Label of the hidden image that the page shows as the tuning map."""
 
 MAP_PRESENT = "map present"
 """Label of the hidden vector with the position of the mark, in shares of the picture; below 0: there is none."""
@@ -347,7 +347,6 @@ SIZES = {
     "height": WINDOW_HEIGHT,
     "minHeight": CHROME_HEIGHT + 538,  # px; lower windows scroll
     "mapPicture": MAP_PICTURE,
-    "mapMark": MAP_MARK,
     "mapPresent": MAP_PRESENT,
     "mapPointed": MAP_POINTED,
     "mapGrip": 0.04,  # of the picture's width: nearer to the mark a drag grabs it; from farther away the mark jumps

@@ -170,7 +170,7 @@ def test_devices_are_found_by_a_part_of_their_name_those_without_q_and_r_too():
     fleet = fleet_of([0.01] * 30 + [np.nan], [1.0] * 31, odd=[17])
     assert OpenFleet(fleet, find="dev00001").rows == [17, 10, 11, 12, 13, 14, 15, 16, 18, 19]
     assert OpenFleet(fleet, find="DEV000030").rows == [30]
-    assert "it is empty" in fleet_table(OpenFleet(fleet, find="30"))
+    assert "it\u00a0is\u00a0empty" in fleet_table(OpenFleet(fleet, find="30"))
     assert [row[2] for row in fleet_rows(fleet, OpenFleet(fleet, find="0003").rows)] == ["0.01", ""]
     assert fleet_table(OpenFleet(fleet, find="nowhere")) == "None."
     assert len(OpenFleet(fleet, find="csv").rows) == MAX_ROWS

@@ -140,7 +140,7 @@ def test_sixteen_channels_are_drawn_of_any_number(channels, lanes):
     assert len(overview.time) <= MAX_LANE_POINTS + MAX_LANES
     assert (np.diff(overview.time) > 0).all()
     if lanes:
-        _, lines, _ = lanes_of(overview)
+        lines = lanes_of(overview)
         assert len(lines) == 2 * lanes
         for i, one in enumerate(lines):
             assert (np.abs(one.y - (i // 2 + 1)) < 0.5).all()  # no lane reaches into the next

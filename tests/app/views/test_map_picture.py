@@ -16,7 +16,6 @@ from kalscope_app.views.charts import DARK, LIGHT
 from kalscope_app.views.map import (
     SHARPNESS,
     draw_map_picture,
-    draw_ring,
     lag_words,
     shades,
     tick,
@@ -90,9 +89,3 @@ def test_a_lag_is_told_in_one_unit(period, lag, words):
 @pytest.mark.parametrize(("exponent", "text"), [(-3, "0.001"), (-4, "1e-4"), (3, "1\u202f000"), (4, "1e4")])
 def test_ticks_are_written_as_all_other_numbers(exponent, text):
     assert tick(exponent) == text
-
-
-def test_the_mark_of_the_present_point_is_see_through_around_its_ring():
-    ring = draw_ring(dark=False)
-    assert ring.shape == (64, 64, 4)
-    assert [ring[y, x, 3] for y, x in ((0, 0), (20, 32), (32, 32), (9, 32))] == [0, 0, 255, 255]

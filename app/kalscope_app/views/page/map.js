@@ -1,19 +1,22 @@
 // Shows the tuning map between the panels and reports where in it the user points; see window.py, which defines
 // `sizes` before this text.
 //
-// Picture and mark are plain images: in viser's scene the map would be drawn again for each move of its mark, which takes
+// The picture is a plain image: in viser's scene the map would be drawn again for each move of its mark, which takes
 // 100 to 600 ms without a graphics card and holds up the charts. Without the map the chart panel covers the strip that
 // viser keeps between its panels, from the first picture on: so these rules do not wait for the server.
 
 const rules = document.head.appendChild(document.createElement("style"));
 rules.textContent = `
 .kalscope-map { display: none; position: absolute; inset: 0; place-items: center; overflow: hidden;
-  container-type: size; background: #eceff2; cursor: pointer; touch-action: none; user-select: none; }
-[data-mantine-color-scheme="dark"] .kalscope-map { background: #1e2024; }
+  container-type: size; --paper: #eceff2; --mark: #D55E00; background: var(--paper); cursor: pointer;
+  touch-action: none; user-select: none; }
+[data-mantine-color-scheme="dark"] .kalscope-map { --paper: #1e2024; --mark: #ff8a3d; }
 .kalscope-map > div { position: relative; aspect-ratio: var(--shape); width: min(100cqw, 100cqh * var(--shape));
   transform-origin: 0 0; }
 .kalscope-map img { position: absolute; left: 0; top: 0; width: 100%; pointer-events: none; }
-.kalscope-map img + img { width: 7.5%; translate: -50% -50%; }
+.kalscope-mark { position: absolute; width: 7.5%; aspect-ratio: 1; translate: -50% -50%; pointer-events: none;
+  background: radial-gradient(closest-side, var(--mark) 10%, var(--paper) 12% 14%, transparent 16% 40%,
+    var(--paper) 42% 49%, var(--mark) 51% 71%, var(--paper) 73% 79%, transparent 81%); }
 .kalscope-no-map [data-dock-region="right"] { box-sizing: content-box; padding-left: 116px; }
 .kalscope-no-map [data-dock-region="right"] > div:not([data-dock-region-resize]) { margin-left: -116px; }
 .kalscope-no-map [data-dock-region="right"] > div > div:has([data-dock-column]) { width: 100% !important; }
@@ -25,10 +28,10 @@ rules.textContent = `
 const map = document.createElement("div");
 const sheet = map.appendChild(document.createElement("div"));
 const picture = sheet.appendChild(new Image());
-const mark = sheet.appendChild(new Image());
+const mark = sheet.appendChild(document.createElement("div"));
 map.className = "kalscope-map";
 picture.alt = "Map of q and r: which pairs suit the recording";
-mark.alt = "Where q and r are now";
+Object.assign(mark, { className: "kalscope-mark", role: "img", ariaLabel: "Where q and r are now" });
 sheet.style.visibility = mark.style.visibility = "hidden";
 
 const widgets = new Map(); // uuid -> kind of message and label of a hidden widget of the map
@@ -39,10 +42,10 @@ let held = null; // the gesture while a button is down
 let waiting = 0;
 let send = () => {};
 
-const load = (image, data) => {
+const load = (data) => {
   if (!data) return;
-  URL.revokeObjectURL(image.src);
-  image.src = URL.createObjectURL(new Blob([data]));
+  URL.revokeObjectURL(picture.src);
+  picture.src = URL.createObjectURL(new Blob([data]));
 };
 
 picture.addEventListener("load", () => {
@@ -59,8 +62,7 @@ const take = ({ type, uuid, value, props, updates }) => {
   if (props?.label) widgets.set(uuid, `${type} ${props.label}`);
   const { value: newest, _data } = updates ?? { value, ...props };
   const widget = widgets.get(uuid);
-  if (widget === `GuiImageMessage ${sizes.mapPicture}`) load(picture, _data);
-  else if (widget === `GuiImageMessage ${sizes.mapMark}`) load(mark, _data);
+  if (widget === `GuiImageMessage ${sizes.mapPicture}`) load(_data);
   else if (widget === `GuiVector2Message ${sizes.mapPresent}` && newest) moveMark(newest);
 };
 
