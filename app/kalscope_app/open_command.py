@@ -17,7 +17,15 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from kalscope.cli.console import report_compiling
-from kalscope.cli.options import SamplePeriod, reads_source
+from kalscope.cli.options import (
+    SamplePeriod,
+    number_option,
+    option_group,
+    read_options,
+    text_option,
+    whole,
+    with_options,
+)
 from kalscope.common.files import temporary_folder
 from kalscope.common.stopping import stop_signals
 from kalscope.common.text import one_line
@@ -34,44 +42,55 @@ MAX_RECORDING_S = 2.5
 """Longest time to finish a recording, s: it takes 0.6 s unless the machine is busy or the disk hangs."""
 
 
-@reads_source
+_NOTHING: dict[str, str] = {}
+FILTER_OPTIONS = option_group(
+    {
+        "q": text_option("NUMBER", "Process noise q of that channel, a variance."),
+        "r": text_option("NUMBER", "Its measurement noise r, a variance."),
+        "p0": text_option("NUMBER", "Its initial variance P₀, or automatic: the first sample."),
+        "x0": text_option("NUMBER", "Its initial estimate x₀, or first; goes with --p0."),
+        "gate": text_option("NUMBER", "Its outlier gate on v²/s, such as 9, or off."),
+        "momentum": text_option("NUMBER", "Its momentum τ in samples, or off."),
+        "fast": text_option("NUMBER", "Two speeds: q times this while it moves, or off."),
+        "spikes": text_option("NUMBER", "With --fast: the probability of a spike."),
+        "chain": text_option("FILTERS", 'Its filters, such as "median 5, kalman", or kalman.'),
+    },
+    dict[str, str],
+)
+"""The parameters of the filter, which `apply_options` checks as it does what is typed on the screen."""
+
+
+@with_options(reading=read_options, given=FILTER_OPTIONS)
 def open_dashboard(
     source: Annotated[
         str,
         typer.Argument(
-            help=f'A file; a live source: {ADDRESS_EXAMPLES}; "demo", "sample:NAME", "experiment:NAME".'
+            metavar="SOURCE",
+            help=f'A file; a live source: {ADDRESS_EXAMPLES}; "demo", "sample:NAME", "experiment:NAME".',
         ),
     ] = "",
     follow: Annotated[
         bool, typer.Option("--follow", "-f", help="Keep reading the file while another program writes to it.")
     ] = False,
-    host: Annotated[str, typer.Option(help="Address to listen on.")] = "127.0.0.1",
-    port: Annotated[int, typer.Option(help="Port to listen on; 0 for any free one.")] = 8080,
+    host: Annotated[str, text_option("ADDRESS", "Address to listen on.")] = "127.0.0.1",
+    port: Annotated[int, number_option("Port to listen on; 0 for any free one.", whole)] = 8080,
     browser: Annotated[bool, typer.Option(help="Open the link in the browser.")] = True,
     allow_host: Annotated[
-        list[str] | None, typer.Option(help="Name of this machine that browsers may use, for --host 0.0.0.0.")
+        list[str] | None, text_option("NAME", "Name of this machine that browsers may use, for --host 0.0.0.0.")
     ] = None,
     sample_period: SamplePeriod = None,
     reading: ReadOptions = DEFAULTS,
-    config: Annotated[Path | None, typer.Option(help="Tuning file to start from.")] = None,
+    config: Annotated[Path | None, text_option("FILE", "Tuning file to start from.")] = None,
     behind: Annotated[
-        str | None, typer.Option(metavar="URL", help="https://NAME of the reverse proxy in front of the dashboard.")
+        str | None, text_option("URL", "https://NAME of the reverse proxy in front of the dashboard.")
     ] = None,
     new_link: Annotated[
         bool, typer.Option("--new-link", help="Make a new link; the old one of this port no longer works.")
     ] = False,
-    log: Annotated[Path | None, typer.Option(metavar="FILE", help="Write a detailed log to this file.")] = None,
+    log: Annotated[Path | None, text_option("FILE", "Write a detailed log to this file.")] = None,
     verbose: Annotated[bool, typer.Option("--verbose", "-v", help="Print the log on the terminal.")] = False,
-    channel: Annotated[str | None, typer.Option(help="Channel to show: its name, or its number from 1.")] = None,
-    q: Annotated[str | None, typer.Option(help="Process noise q of that channel, a variance.")] = None,
-    r: Annotated[str | None, typer.Option(help="Its measurement noise r, a variance.")] = None,
-    p0: Annotated[str | None, typer.Option(help="Its initial variance P₀, or automatic: the first sample.")] = None,
-    x0: Annotated[str | None, typer.Option(help="Its initial estimate x₀, or first; goes with --p0.")] = None,
-    gate: Annotated[str | None, typer.Option(help="Its outlier gate on v²/s, such as 9, or off.")] = None,
-    momentum: Annotated[str | None, typer.Option(help="Its momentum τ in samples, or off.")] = None,
-    fast: Annotated[str | None, typer.Option(help="Two speeds: q times this while it moves, or off.")] = None,
-    spikes: Annotated[str | None, typer.Option(help="With --fast: the probability of a spike.")] = None,
-    chain: Annotated[str | None, typer.Option(help='Its filters, such as "median 5, kalman", or kalman.')] = None,
+    channel: Annotated[str | None, text_option("NAME", "Channel to show: its name, or its number from 1.")] = None,
+    given: dict[str, str] = _NOTHING,
 ) -> None:
     """Open the dashboard in a browser."""
     from kalscope_app.guard.requests import kept_token
@@ -92,17 +111,7 @@ def open_dashboard(
         replaced(tempfile, "tempdir", str(own)),
     ):
         state = first_state(followed(source) if follow else source, reading, config, sample_period)
-        given = {
-            "q": q,
-            "r": r,
-            "p0": p0,
-            "x0": x0,
-            "gate": gate,
-            "momentum": momentum,
-            "fast": fast,
-            "spikes": spikes,
-        }
-        state = apply_options(state, channel, chain, **given)
+        state = apply_options(state, channel, **given)
         start = functools.partial(guarded_server, host, port, allow_hosts=allow_host or (), behind=behind)
         start = functools.partial(start, token=token, page_script=page_script(), hold=True, label="Kalscope")
         serve(state, start, log, hidden, browser=browser)

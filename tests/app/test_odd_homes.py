@@ -37,7 +37,8 @@ def test_settings_that_cannot_be_kept_cost_one_line_and_the_lasting_link(tmp_pat
             guest.read_until(lambda: "Download tuning file" in str(guest.widgets))
         status, _, err = end(program)
     (line,) = err.splitlines()
-    assert (status, line.count(f"'{tmp_path}/file/settings': Not a directory")) == (0, 1)
+    assert status == 0
+    assert line.count(f"'{tmp_path}/file/settings' cannot be used: a file takes the place of its folder") == 1
 
 
 def test_a_poor_account_has_the_dashboard(tmp_path):
@@ -84,10 +85,14 @@ def test_what_cannot_be_written_is_one_line(tmp_path):
     with line_sender() as url:
         for change, arguments, reason in (
             (FOLDER_GONE, ("tune", "demo", "--lag-ms", "50", "-o", "out.toml"), "must exist"),
-            (FOLDER_GONE, ("record", url, "-o", "out.csv"), "No such file"),
-            ("", ("filter", "demo", "--q", "1", "--r", "1", "-o", "/dev/full"), "'/dev/full': No space left"),
-            ("", ("tune", "demo", "--lag-ms", "50", "-o", nowhere), f"'{nowhere}': No such file"),
-            ("", ("record", url, "-o", nowhere), f"'{nowhere}': No such file"),
+            (FOLDER_GONE, ("record", url, "-o", "out.csv"), "does not exist"),
+            (
+                "",
+                ("filter", "demo", "--q", "1", "--r", "1", "-o", "/dev/full"),
+                "/dev/full' cannot be used: the disk",
+            ),
+            ("", ("tune", "demo", "--lag-ms", "50", "-o", nowhere), f"'{nowhere}' cannot be used: it or"),
+            ("", ("record", url, "-o", nowhere), f"'{nowhere}': it or its folder does not exist"),
         ):
             (tmp_path / "work").mkdir(exist_ok=True)
             status, lines = run_here(tmp_path / "work", change, *arguments)

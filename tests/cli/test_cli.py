@@ -5,6 +5,7 @@ import inspect
 import io
 import math
 import os
+import re
 import select
 import subprocess
 import sys
@@ -222,7 +223,14 @@ USER_ERRORS: list[tuple[list[str], str]] = [
     (["filter", "two\nlines.csv"], "lines.csv"),
     (["filter", "sample:nope"], "sample must be one of"),
     (["filter", "synthetic:nope"], "nope"),
-    (["filter", "demo", "-o", "missing/out.csv"], "'missing/out.csv': No such file or directory"),
+    (
+        ["filter", "demo", "-o", "missing/out.csv"],
+        "'missing/out.csv' cannot be used: it or its folder does not exist",
+    ),
+    (["filter", "demo", "-o", "."], "'.' cannot be used: it is a folder"),
+    (["filter", "demo", "-o", "a" * 300], "its name is too long"),
+    (["record", ".", "-o", "x.csv"], ". must be a serial port"),
+    (["demo-board", "--socket", "80x"], "--socket must be a whole number (got '80x')"),
     (["filter", "-"], "give --config, or --q and --r"),
     (["filter", "-", "--q", "1", "--r", "1", "-o", "x.csv"], "-o must be left out"),
     (["filter", "-", "--q", "1", "--r", "1", "--report"], "--report must be left out"),
@@ -374,7 +382,7 @@ def test_a_full_disk_is_one_line(output: list[str]) -> None:
     with command("filter", "demo", *output, change=change) as program:
         _, err = program.communicate(PATIENCE)
     assert program.returncode == 2
-    assert err.endswith("No space left on device\n")
+    assert err.endswith("the disk is full\n")
     assert len(err.splitlines()) == 1
 
 
@@ -467,3 +475,17 @@ def test_a_number_is_taken_as_it_is_printed_and_h_is_help(log, capsys):
         short = capsys.readouterr().out
         assert run([*argv[:-1], "--help"]) == 0
         assert capsys.readouterr().out == short
+
+
+@pytest.mark.parametrize("name", [*COMMANDS, "open"])
+def test_help_lists_options_by_what_they_are_about_and_names_no_types_of_python(name, monkeypatch, capsys):
+    monkeypatch.setitem(COMMANDS, "open", ("", "kalscope_app.open_command:open_dashboard"))
+    assert run([name, "--help"]) == 0
+    shown = capsys.readouterr().out
+    assert "<" not in shown
+    if name == "tune":
+        headings = re.findall(r"^(\w+):$", shown, re.MULTILINE)
+        assert headings == ["Arguments", "Goal", "Noise", "Filter", "Reading", "Output", "Options"]
+    if name in ("tune", "filter", "export"):  # every option that they share with others has a heading
+        others = set(re.findall(r"--[\w-]+", shown.partition("\nOptions:\n")[2]))
+        assert others <= {"--help", "--to", "--calibration", "--minimal"}

@@ -294,7 +294,7 @@ USER_ERRORS: list[tuple[list[str], str]] = [
     (["demo", "--still", "1-2"], "--still must be FROM:TO"),
     (["demo", "--overshoot", "100", "--gain", "0.1"], "--overshoot must be a percentage of at least 0 and"),
     (["demo", "--overshoot", "5", "--lag-ms", "90", "--momentum", "9"], "overshoot needs a target such as a lag"),
-    (["demo", "-o", "missing/t.toml"], "'missing/t.toml': No such file or directory"),
+    (["demo", "-o", "missing/t.toml"], "'missing/t.toml' cannot be used: it or its folder does not exist"),
 ]
 
 

@@ -34,7 +34,7 @@ def reasons(*sources):
 def test_everything_in_a_folder_is_accounted_for(tree):
     assert reasons(tree) == {
         "a.csv": "",
-        "link.csv": f"'{tree / 'link.csv'}': No such file or directory",
+        "link.csv": f"'{tree / 'link.csv'}' cannot be used: it or its folder does not exist",
         "none": "the folder is empty",
         "pipe.csv": "it must be a file (got a folder, a device or a pipe)",
         "x.csv/b.csv": "",
@@ -60,7 +60,7 @@ def test_a_list_names_files_each_once_and_one_that_is_gone_has_a_reason(tree):
     (tree.parent / "list.txt").write_text("# devices\nlogs/a.csv\nlogs/a.csv\n\nlogs/x.csv\nlogs/gone.csv\n")
     named = reasons(f"@{tree.parent / 'list.txt'}", tree / "x.csv" / "b.csv")
     assert set(named) == {"a.csv", "gone.csv", "x.csv/b.csv"}
-    assert named["gone.csv"].endswith("No such file or directory")
+    assert named["gone.csv"].endswith("it or its folder does not exist")
 
 
 def test_only_the_end_of_a_line_ends_the_path_in_a_list(tree):

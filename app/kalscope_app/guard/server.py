@@ -17,7 +17,7 @@ import rich
 import viser
 import websockets.asyncio.server
 
-from kalscope.errors import BadSetting, KalscopeError
+from kalscope.errors import BadSetting, KalscopeError, reason_of
 from kalscope_app.guard import requests as pages
 from kalscope_app.guard.messages import MAX_UPLOAD_BYTES, MessageFilter
 from kalscope_app.guard.requests import BURST, MAX_UNKNOWN, Policy, RequestFilter
@@ -204,8 +204,7 @@ def _listen(host: str, port: int) -> socket.socket:
         family, *_, where = min(found, key=lambda info: info[0] != socket.AF_INET)
         return socket.create_server(where, family=family)  # pyright: ignore[reportArgumentType]
     except (OSError, ValueError) as error:  # a name with a zero byte, or too long
-        reason = (error.strerror if isinstance(error, OSError) else None) or str(error)
-        reason = reason.partition(" (while")[0]  # what follows repeats the address
+        reason = reason_of(error).partition(" (while")[0]  # what follows repeats the address
         raise BadSetting(
             f"host {host!r} with port {port} cannot be used on this machine: {reason}; --port 0 takes any free port"
         ) from error

@@ -896,15 +896,13 @@ def setting_words(state: State) -> list[str]:
     return words if tuning.chain is None else [*words, *option("chain", chain_text(tuning.chain))]
 
 
-def apply_options(state: State, channel: str | None, chain: str | None, **given: str | None) -> State:
+def apply_options(state: State, channel: str | None, chain: str | None = None, **given: str) -> State:
     """The state with the channel and the setting of the command line; what is None stays as it was opened.
 
     Raises:
         BadSetting: no such channel, not a number, not a chain, or values that no filter can have.
     """
-    values: dict[str, float | Chain | None] = {
-        name: typed_value(name, text) for name, text in given.items() if text is not None
-    }
+    values: dict[str, float | Chain | None] = {name: typed_value(name, text) for name, text in given.items()}
     if values.get("p0", 0.0) is None:
         values["x0"] = None
     if chain is not None:

@@ -38,6 +38,15 @@ COMMANDS = {
 options. The dashboard adds its command."""
 
 
+GROUPS = {
+    "Goal": "method lag_ms cutoff_hz noise_reduction_db gain overshoot ratio",
+    "Noise": "still sigma density bandwidth_hz q r",
+    "Filter": "config momentum two_speeds gate robust p0 x0 fast spikes chain fuse reference sensor_gains",
+    "Reading": "channel every sample_period delimiter decimal header_row unit_row time_column time_unit time_format"
+    " day_first rate missing gaps part unpack_gb follow",
+    "Output": "output details as_json report force vectors",
+}
+"""The headings of --help, and the options below each; all others come last."""
 HELP = {"help_option_names": ["-h", "--help"]}
 
 
@@ -47,10 +56,28 @@ def function_of(name: str) -> Callable[..., Any]:
     return getattr(import_module(module), function)
 
 
+class Command(TyperCommand):
+    """A command whose --help lists its options by GROUPS, and names no types of Python."""
+
+    def format_options(self, ctx: Any, formatter: Any) -> None:
+        """Write the sections."""
+        heading_of = {name: heading for heading, names in GROUPS.items() for name in names.split()}
+        sections: dict[str, list[Any]] = {heading: [] for heading in ("Arguments", *GROUPS, "Options")}
+        for param in self.get_params(ctx):
+            is_option = param.param_type_name == "option"
+            name, text = param.get_help_record(ctx) or ("", "")
+            heading = heading_of.get(param.name or "", "Options") if is_option else "Arguments"
+            sections[heading].append((name if is_option else param.metavar, text))
+        for heading, rows in sections.items():
+            if rows:
+                with formatter.section(heading):
+                    formatter.write_dl(rows)
+
+
 def command(name: str) -> Any:
     """A command with its options, as typer makes it."""
     only = typer.Typer(add_completion=False, rich_markup_mode=None)
-    only.command(name, context_settings=HELP)(function_of(name))
+    only.command(name, cls=Command, context_settings=HELP)(function_of(name))
     return get_command(only)
 
 

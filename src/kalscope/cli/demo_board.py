@@ -18,10 +18,10 @@ import numpy as np
 import typer
 from numpy.typing import NDArray
 
-from kalscope.cli.options import Source, number_option
+from kalscope.cli.options import Source, number_option, whole
 from kalscope.cli.options import number as cli_number
 from kalscope.common.stopping import stop_signals
-from kalscope.errors import BadDevice, BadSetting
+from kalscope.errors import BadDevice, BadSetting, reason_of
 from kalscope.estimation.noise import noise_from_still
 from kalscope.export.board import MAX_LETTERS
 from kalscope.export.names import identifiers
@@ -107,7 +107,7 @@ def _listen(port: int) -> socket.socket:
     try:
         server = socket.create_server(("127.0.0.1", port), backlog=1)
     except OSError as error:
-        raise BadDevice(f"--socket must be a free port (got {port}: {error.strerror})") from error
+        raise BadDevice(f"--socket must be a free port (got {port}: {reason_of(error)})") from error
     server.settimeout(_TICK_S)
     return server
 
@@ -217,7 +217,8 @@ def _bits(*values: np.float32) -> str:
 def demo_board_command(
     source: Source = "demo",
     port: Annotated[
-        int, typer.Option("--socket", metavar="PORT", help="Port on 127.0.0.1; default: any free one.")
+        int,
+        typer.Option("--socket", metavar="PORT", help="Port on 127.0.0.1; default: any free one.", parser=whole),
     ] = 0,
     rate: Annotated[
         float | None, number_option("Lines per second; default: as SOURCE was sampled.", cli_number)

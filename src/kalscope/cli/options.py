@@ -53,6 +53,13 @@ positive = _parser("a number above 0", lambda value: 0.0 < value < math.inf)
 """The number that was typed, above 0 and finite."""
 
 
+def whole(text: str) -> int:
+    """The whole number that was typed, 0 or above."""
+    if not str(text).isdecimal():  # a default is a number already
+        raise BadValue("a whole number", text)
+    return int(text)
+
+
 def number_or(word: str) -> Callable[[str], float]:
     """A parser that takes a number, or `word`, for which it returns NaN."""
     return _parser(f'a number or "{word}"', lambda value: not math.isnan(value), word)

@@ -93,7 +93,7 @@ def atomic_file(path: str | os.PathLike[str], mode: int | None = None) -> Genera
                 yield device
             return
         if not os.access(target, os.W_OK):  # the rename would succeed all the same, and override the read-only mode
-            raise PermissionError(errno.EACCES, "Permission denied: the file is write-protected", os.fspath(path))
+            raise PermissionError(errno.EACCES, "the file is write-protected", os.fspath(path))
         mode = stat.S_IMODE(target.stat().st_mode)
     temporary = target.with_name(f".{target.name[:50]}.kalscope-{secrets.token_hex(8)}.tmp")
     flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0)

@@ -24,7 +24,7 @@ from pathlib import Path
 
 from kalscope.common.files import sync_folder
 from kalscope.common.text import one_line, program, unused_name
-from kalscope.errors import BadFile
+from kalscope.errors import BadFile, reason_of
 from kalscope.recording import LineIssue
 from kalscope.sources.grammar.timestamps import TimeColumn
 from kalscope.sources.port.reader import SYSTEM, Clock
@@ -243,7 +243,7 @@ class AppendFile:
             self.lines += lines
         except OSError as error:
             self._failed = self._failed if self.error else (now, self.lost)
-            self.error = f"the disk refuses ({error.strerror}): lines for {self.path.name} are lost"
+            self.error = f"the disk refuses ({reason_of(error)}): lines for {self.path.name} are lost"
             self.lost += lines
             self._retry_at = now + RETRY_S
 
@@ -280,7 +280,7 @@ class AppendFile:
                 try:
                     _fdatasync(self._fd)
                 except OSError as error:  # which Linux reports once, even where the data are lost
-                    self._damage = f"the disk did not confirm what was written ({error.strerror})"
+                    self._damage = f"the disk did not confirm what was written ({reason_of(error)})"
 
     def close(self) -> None:
         """Close the file once the disk has it. Safe to call twice."""
@@ -355,8 +355,7 @@ class Recorder:
         try:
             self._csv.create()
         except (OSError, ValueError) as error:
-            reason = getattr(error, "strerror", None) or str(error)
-            raise BadFile(f"cannot write the recording {str(path)!r}: {reason}") from None
+            raise BadFile(f"cannot write the recording {str(path)!r}: {reason_of(error)}") from None
         self._csv.note(preamble(source, self._wall))
         self._sync = threading.Thread(target=self._keep_synced, name="kalscope-sync", daemon=True)
         self._sync.start()

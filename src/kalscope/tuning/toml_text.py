@@ -17,7 +17,7 @@ import msgspec
 import tomlkit
 
 from kalscope.common.text import CONTROL, escaped
-from kalscope.errors import BadFile, BadSetting
+from kalscope.errors import BadFile, BadSetting, reason_of
 from kalscope.filtering import classic
 
 if TYPE_CHECKING:
@@ -100,8 +100,7 @@ def read_text(path: str | os.PathLike[str]) -> str:
         with open(path, "rb") as file:
             data = file.read(MAX_BYTES + 1)
     except (OSError, ValueError) as error:  # ValueError: a NUL in the name
-        reason = getattr(error, "strerror", None) or error
-        raise BadFile(f"cannot read the tuning file: {reason}") from None
+        raise BadFile(f"cannot read the tuning file: {reason_of(error)}") from None
     if len(data) > MAX_BYTES:
         raise BadFile(f"a tuning file must hold at most {MAX_BYTES} bytes (got more)")
     try:

@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 from queue import SimpleQueue
 from typing import TYPE_CHECKING, Literal
 
-from kalscope.errors import BadDevice, BadSetting
+from kalscope.errors import BadDevice, BadSetting, reason_of
 
 if TYPE_CHECKING:
     from kalscope.sources.port.registry import PortSpec
@@ -374,5 +374,5 @@ def _one_sentence(what: str, check: str = "") -> Generator[None]:
     except BadDevice:
         raise
     except Exception as error:
-        reason = short(getattr(error, "strerror", None) or error) or type(error).__name__
+        reason = short(reason_of(error)) or type(error).__name__
         raise BadDevice(f"{what} ({reason}){check}") from error

@@ -119,7 +119,7 @@ def open_failure(device: str, baud: int, error: BaseException) -> str:
         return f"no permission to open port {device} (on Linux: sudo usermod -aG dialout $USER, then log in again)"
     if number in (errno.EBUSY, errno.EAGAIN) or "exclusively lock" in text or "PermissionError" in text:  # Windows
         return f"port {device} is in use by another program: close it there, as in the Serial Monitor"
-    if number in (errno.ENOTTY, errno.ENXIO) or "Inappropriate ioctl" in text:
+    if number in (errno.ENOTTY, errno.ENXIO, errno.EISDIR) or "Inappropriate ioctl" in text:
         return f"{device} must be a serial port (the system says that it is none)"
     return f"port {device} cannot be opened at {baud} baud ({short(error)})"
 

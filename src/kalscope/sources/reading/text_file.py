@@ -18,7 +18,7 @@ from typing import Any, BinaryIO, TextIO
 
 from kalscope.common.files import temporary_folder
 from kalscope.common.progress import Progress
-from kalscope.errors import BadFile, Cancelled
+from kalscope.errors import BadFile, Cancelled, reason_of
 from kalscope.sources.grammar.line_format import ESCAPE, split_checksum, without_escapes
 
 # What a packed file holds: gzip and Zstandard, bounded, with progress, and refused when cut short.
@@ -127,7 +127,7 @@ def open_raw(path: str | Path, progress: Progress) -> Generator[RawFile]:
         try:
             yield _open_raw(path, folder / "content", beside, left, progress)
         except OSError as error:  # a drive that was pulled out
-            raise BadFile(f"reading {str(path)!r} failed midway: {error.strerror or error}") from None
+            raise BadFile(f"reading {str(path)!r} failed midway: {reason_of(error)}") from None
         finally:
             left.set()  # else a cancelled reading would wait until all of the file is hashed
 
@@ -152,7 +152,7 @@ def _open_raw(path: Path, target: Path, beside: Executor, left: Event, progress:
     except (OSError, ValueError) as error:  # ValueError: a NUL in the name
         if isinstance(error, BadFile):
             raise
-        raise BadFile(f"cannot read {str(path)!r}: {getattr(error, 'strerror', None) or error}") from None
+        raise BadFile(f"cannot read {str(path)!r}: {reason_of(error)}") from None
 
 
 def _sha256(path: Path, left: Event) -> str:
