@@ -10,9 +10,11 @@ from typing import Any
 
 from numpy.typing import ArrayLike
 
+from kalscope.common.files import check_new, write_atomic
 from kalscope.common.text import number, squared
 from kalscope.errors import BadSetting
 from kalscope.estimation.request import FitResult, Noise, Request, find_parameters
+from kalscope.export.page import make_page
 from kalscope.export.registry import export_tuning, write_files
 from kalscope.filtering.filter import FilterResult, kalman_filter, like_series
 from kalscope.filtering.params import FilterParams, one_record
@@ -89,6 +91,15 @@ class TuneResult:
             BadSetting: the target is unknown; or a file is there and `force` is off.
         """
         return write_files(export_tuning(self.tuning, target), Path(folder), force=force)
+
+    def page(self, path: str | os.PathLike[str], *, force: bool = False) -> None:
+        """Write one HTML file that shows the samples, the filter and its sliders in any browser.
+
+        Raises:
+            BadSetting: there are no samples; or the file is there and `force` is off.
+        """
+        check_new(Path(path), force=force)
+        write_atomic(Path(path), make_page(self.recording, self.tuning.channels).encode())
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Save the tuning file, as `save_tuning` does."""

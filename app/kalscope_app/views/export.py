@@ -15,6 +15,7 @@ import viser
 from kalscope.common.text import duration, lag_text, typed_number
 from kalscope.errors import BadSetting
 from kalscope.export.csv import filtered_csv_chunks
+from kalscope.export.page import make_page
 from kalscope.export.registry import TARGETS, export_tuning, in_sketch_folder, limits_of, sketch_name
 from kalscope.export.report import as_html, make_report
 from kalscope.filtering.steady import steady_state
@@ -252,6 +253,8 @@ def add_downloads(gui: viser.GuiApi, session: Session, jobs: Jobs) -> None:
     with gui.add_folder("Report and data"):
         hint = "One page on what is on screen: chart, parameters, tests, pinned settings. Prints on one sheet."
         add("Download report", hint, "report.html", html_report)
+        hint = "One file with the data and these sliders, which opens in any browser without Kalscope."
+        add("Share as a page", hint, "page.html", shared_page)
         hint = "Time, raw, filtered and variance of every channel."
         add("Download filtered CSV", hint, "filtered.csv", csv)
         hint = "q, r, momentum, p0 and x0 of every channel; Source opens it."
@@ -267,6 +270,11 @@ def html_report(state: State) -> bytes:
     pins = [(variant.name, variant.tuning) for variant in state.variants]
     line = share_line(state).line
     return as_html(make_report(state.recording, tuning, state.channel, command=line, pins=pins)).encode()
+
+
+def shared_page(state: State) -> bytes:
+    """Every channel with its filter and sliders, as HTML."""
+    return make_page(state.recording, _every_channel(state).channels, state.channel).encode()
 
 
 def csv(state: State) -> bytes:

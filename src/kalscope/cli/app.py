@@ -33,6 +33,10 @@ COMMANDS = {
     "calibrate": ("Let a board measure its own noise r.", "kalscope.cli.board:calibrate_command"),
     "demo-board": ("Send a recording over a port, as a board would.", "kalscope.cli.demo_board:demo_board_command"),
     "report": ("Write a one-page report of a tuned recording.", "kalscope.cli.report:report_command"),
+    "page": (
+        "Write a page with the recording, its filter and sliders, which opens in any browser.",
+        "kalscope.cli.report:page_command",
+    ),
 }
 """By name, in the order of --help: the first sentence of its own help, and its function, whose arguments are its
 options. The dashboard adds its command."""

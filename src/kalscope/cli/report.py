@@ -1,4 +1,4 @@
-"""`kalscope report`, a page on a recording and its tuning; `kalscope reproduce`, the source documents."""
+"""`kalscope report` and `kalscope page`, a recording and its tuning as HTML; `kalscope reproduce`, the papers."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
 
 if TYPE_CHECKING:
     from kalscope.papers.reproduction import Reproduction
+    from kalscope.recording import Recording
 
 
 # `kalscope report`: one page of HTML on a recording and its tuning.
@@ -40,25 +41,14 @@ def report_command(
     """
     from dataclasses import replace
 
-    import numpy as np
-
-    from kalscope.catalogue import open_source
-    from kalscope.common.files import check_new, write_atomic
+    from kalscope.common.files import write_atomic
     from kalscope.export.report import as_html, make_report
     from kalscope.tuning.choose import adapt_tuning, filters_for
     from kalscope.tuning.file import load_tuning
 
-    report_compiling()
-    if output.suffix.lower() not in (".html", ".htm"):
-        raise BadSetting(f"-o must end with .html (got {str(output)!r})")
     tuning = load_tuning(config)
     fused = tuning.fusion is not None and channel is None
-    check_new(output, force=force)
-    with progress_line() as progress:
-        recording = open_source(source, reading, sample_period=sample_period, progress=progress)
-    if recording.sample_period is None and tuning.sample_period is not None:
-        moments = np.arange(len(recording)) * tuning.sample_period
-        recording = replace(recording, time=moments, sample_period=tuning.sample_period)
+    recording = _opened(source, reading, sample_period, tuning.sample_period, output, force)
     if fused:
         (fusion,), notes = filters_for(recording, config, {})
         report = make_report(recording, tuning, fusion=fusion, config=str(config))
@@ -68,6 +58,63 @@ def report_command(
         selected = channel or (tuning.selected if tuning.selected in chosen else entries[0].name)
         report = make_report(recording, replace(tuning, channels=entries, selected=selected), config=str(config))
     write_atomic(output, as_html(report).encode())
+    for note in notes:
+        say(f"note: {note}")
+
+
+def _opened(
+    source: str, reading: ReadOptions, given: float | None, tuned: float | None, output: Path, force: bool
+) -> Recording:
+    """The recording for a page; one that does not know its sample period takes that of its tuning."""
+    from dataclasses import replace
+
+    import numpy as np
+
+    from kalscope.catalogue import open_source
+    from kalscope.common.files import check_new
+
+    report_compiling()
+    if output.suffix.lower() not in (".html", ".htm"):
+        raise BadSetting(f"-o must end with .html (got {str(output)!r})")
+    check_new(output, force=force)
+    with progress_line() as progress:
+        recording = open_source(source, reading, sample_period=given, progress=progress)
+    if recording.sample_period is not None or tuned is None:
+        return recording
+    return replace(recording, time=np.arange(len(recording)) * tuned, sample_period=tuned)
+
+
+# `kalscope page`: a recording with its filter and sliders, for somebody who has not installed anything.
+
+
+@reads_source
+def page_command(
+    source: Source,
+    output: Annotated[Path, typer.Option("-o", "--output", metavar="FILE", help="Write to this file: .html.")],
+    config: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Tuning file with q and r; default: what tune finds."),
+    ] = None,
+    channel: Annotated[str | None, typer.Option(metavar="NAME", help="Show this channel only.")] = None,
+    sample_period: SamplePeriod = None,
+    reading: ReadOptions = DEFAULTS,
+    force: Annotated[bool, typer.Option("--force", help="Overwrite an existing FILE.")] = False,
+) -> None:
+    """Write a page with the recording, its filter and sliders, which opens in any browser.
+
+    The page needs no program and no network: whoever opens it can change q, r, p0 and momentum and copy the code.
+    """
+    from kalscope.analysis.channel_kinds import default_channel
+    from kalscope.common.files import write_atomic
+    from kalscope.export.page import make_page
+    from kalscope.tuning.choose import filters_for
+    from kalscope.tuning.file import load_tuning
+
+    tuned = None if config is None else load_tuning(config)
+    recording = _opened(source, reading, sample_period, tuned and tuned.sample_period, output, force)
+    filters, notes = filters_for(recording, config, {}, channel)
+    selected = (tuned and tuned.selected) or default_channel(recording)
+    write_atomic(output, make_page(recording, filters, selected).encode())
     for note in notes:
         say(f"note: {note}")
 
