@@ -3,8 +3,9 @@
 A block that begins with ```sh run holds commands of kalscope, one that begins with ```python run a program; the
 site shows below it what it prints. A command that ends with & runs beside the others until the page is done, and
 the next one waits for its first line. A line ![…](tuning.toml) draws the recording of that tuning file: raw,
-filtered and, where it is known, the truth; a line ![…](sample:…) or ![…](synthetic:…) draws that recording with the
-filter of 0.1.0 and the first answer. The blocks of a page share an empty folder, its programs their names.
+filtered and, where it is known, the truth, with a page on which q can be dragged; a line ![…](sample:…) or
+![…](synthetic:…) draws that recording with the filter of 0.1.0 and the first answer. The blocks of a page share an
+empty folder, its programs their names.
 """
 
 from __future__ import annotations
@@ -30,6 +31,7 @@ from kalscope.common.numbers import Array
 from kalscope.common.text import first_sentence, lag_text, number, percent
 from kalscope.estimation.request import find_parameters
 from kalscope.estimation.settings import noise_left
+from kalscope.export.page import make_page
 
 BLOCK = re.compile(r"^```(sh|python) run\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 PICTURE = re.compile(r"^!\[([^\]]*)\]\((\w+\.toml)\)$", re.MULTILINE)
@@ -39,6 +41,8 @@ SPEED = re.compile(r" in [^,\n]+, [^,\n]+ rows/s[^\n]*")
 PROGRAM = (sys.executable, "-m", "kalscope.cli")
 APART = ("fleet",)
 """Commands that start worker processes: each worker would start like this process, by building the site."""
+PAGES: dict[str, str] = {}
+"""Pages with sliders, by their paths in the site."""
 DRAWN = 500
 """Samples drawn in a picture."""
 
@@ -46,6 +50,14 @@ DRAWN = 500
 def on_page_markdown(markdown: str, **_: object) -> str:
     """Called by mkdocs."""
     return with_answers(markdown)
+
+
+def on_post_build(config: Any, **_: object) -> None:
+    """Called by mkdocs: writes the pages with sliders, and the one that reads tables."""
+    for name, text in {"try.html": make_page(), **PAGES}.items():
+        path = Path(config.site_dir, name)
+        path.parent.mkdir(exist_ok=True)
+        path.write_text(text, encoding="utf-8")
 
 
 def with_answers(markdown: str) -> str:
@@ -164,7 +176,9 @@ def picture(tuning_file: Path, name: str) -> str:
         y_label="value",
         y_range=(float(low - margin), float(high + margin)),
     )
-    return _figure(panel, name)
+    page = f"pages/{tuning_file.stem}-{len(PAGES) + 1}.html"
+    PAGES[page] = make_page(recording, [one])
+    return f'{_figure(panel, name)}\n\n<a href="../{page}">Drag q, r and momentum of this recording.</a>'
 
 
 def _figure(panel: Panel, name: str) -> str:

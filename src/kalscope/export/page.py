@@ -1,6 +1,6 @@
-"""A page that anyone can open: the recording with its filter and sliders as one HTML file, or a page to drop tables on.
+"""A page that anyone can open: a recording with its filter and sliders, or a page that reads simple tables.
 
-The filter of the page is the exported JavaScript; `page_files` holds the rest, and uPlot 1.6.32 (MIT) for the chart.
+The filter of the page is the exported JavaScript; `page_files` has the rest, and uPlot 1.6.32 (MIT) for charts.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ def make_page(
     scripts = " ".join(map(_hash, (chart, script)))
     about = "Best fit of q and r, sliders, and code for a device. Nothing leaves this page."
     return Template(_read("page.html")).substitute(
-        policy=f"default-src 'none'; script-src {scripts}; style-src {_hash(style)}; base-uri 'none'; form-action 'none'",
+        policy=f"default-src 'none'; script-src {scripts}; style-src {_hash(style)}; base-uri 'none'",
         title=escape(title),
         about=escape(data.get("about", about)),
         footer=f"Made by {escape(program())}. Chart: uPlot, MIT licence, © 2025 Leon Sorokin.",
@@ -123,7 +123,9 @@ def _is_even(recording: Recording) -> bool:
     period = recording.sample_period
     if period is None:
         return True
-    return bool(np.all(np.abs(recording.time - recording.time[0] - period * np.arange(len(recording))) < 0.1 * period))
+    return bool(
+        np.all(np.abs(recording.time - recording.time[0] - period * np.arange(len(recording))) < 0.1 * period)
+    )
 
 
 def _packed(z: Array) -> dict[str, Any]:

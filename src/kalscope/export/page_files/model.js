@@ -10,10 +10,8 @@ function stepConstants(q, tau) {
   const series = SERIES.reduce((sum, factor) => factor + sum * h, 0);
   const a = h < 0.1 ? h * h * h * series : h - 2 * u - 0.5 * Math.expm1(-2 * h);
   const e = Math.exp(-h);
-  return {
-    momentum: tau, e: e > 1.2e-38 ? e : 0, f: tau * u,
-    q11: q * tau * a, q12: 0.5 * q * u * u, q22: (-0.5 * q / tau) * Math.expm1(-2 * h), w0: (0.5 * q) / tau,
-  };
+  const [q12, q22] = [0.5 * q * u * u, (-0.5 * q / tau) * Math.expm1(-2 * h)];
+  return { momentum: tau, e: e > 1.2e-38 ? e : 0, f: tau * u, q11: q * tau * a, q12, q22, w0: (0.5 * q) / tau };
 }
 
 /** The exported filter with these parameters; null is an automatic start, or no gate. */
@@ -105,9 +103,8 @@ function bestFit(z) {
 
 /** A start where nothing can be fitted: a lag of 5 samples. */
 function harmless(z) {
-  const steps = z.slice(1).map((sample, i) => sample - z[i]).filter(Number.isFinite);
-  const r = steps.reduce((sum, step) => sum + (step * step) / 2, 0) / steps.length;
-  return r > 0 && Number.isFinite(r) ? { q: qForLag(5, { r }), r } : { q: 1e-3, r: 1 };
+  const { r } = likelihood(z, 1 / 30);
+  return r > 0 && r < Infinity ? { q: r / 30, r } : { q: 1 / 30, r: 1 };
 }
 
 // Simple tables.
@@ -165,7 +162,8 @@ function withTime(names, columns) {
 
 // Code to copy: the same filter in a few lines.
 
-const C = ({ about, type, constants, variables, start, predict, correct }) => `// ${about}
+const GATE_IN_C = "if ((z - x) * (z - x) > gate * (p + r) && refused++ < 5) return x;  // a spike\n  refused = 0;\n  ";
+const C = ({ about, type, constants, variables, start, predict, correct, gated }) => `// ${about}
 #include <math.h>
 static const ${type} ${constants};
 static ${type} ${variables};
@@ -177,24 +175,26 @@ ${type} kalman(${type} z) {
     ${start.map((line) => `${line};`).join("\n    ")}
     return x;
   }
-  ${correct.map((line) => `${/^[kl] =/.test(line) ? `${type} ` : ""}${line};`).join("\n  ")}
+  ${gated ? GATE_IN_C : ""}${correct.map((line) => `${/^[kl] =/.test(line) ? `${type} ` : ""}${line};`).join("\n  ")}
   return x;
 }
 `;
 
-const PYTHON = ({ about, constants, variables, names, start, predict, correct }) => `# ${about}
+const IS_SPIKE = "if (z - x) ** 2 > gate * (p + r) and refused < 5:  # a spike";
+const GATE_IN_PYTHON = [IS_SPIKE, "    refused += 1", "    return x", "refused = 0", ""].join("\n    ");
+const PYTHON = ({ about, constants, variables, start, predict, correct, gated }) => `# ${about}
 ${constants.replaceAll(", ", "\n")}
 ${variables.replace("NAN", 'float("nan")').replaceAll(", ", "\n")}
 
 def kalman(z):
-    global ${names}
+    global ${variables.replace(/ = [^,]+/g, "")}
     ${predict.join("\n    ")}
     if z != z:  # NaN: no sample
         return x
     if x != x:  # the first sample is the start
         ${start.join("\n        ")}
         return x
-    ${correct.join("\n    ")}
+    ${gated ? GATE_IN_PYTHON : ""}${correct.join("\n    ")}
     return x
 `;
 
@@ -214,7 +214,7 @@ const LANGUAGES = { Arduino: withType("float"), C: withType("double"), Python: P
 
 /** The filter as text; `about` is its first line, without line ends. */
 function codeOf(language, params, about, period) {
-  const { q, r, p0, x0, momentum } = params;
+  const { q, r, p0, x0, gate, momentum } = params;
   if (language === "ESPHome") {
     if (momentum > 0) return "# ESPHome's Kalman filter has no momentum: set momentum to 0.\n";
     if (!period) return "# ESPHome counts the process noise per second: the sample period must be known.\n";
@@ -241,8 +241,9 @@ function codeOf(language, params, about, period) {
     predict.push("g = e * (g + f * w) + q12", "w = e * e * w + q22");
     correct = [correct[0], "l = g / (p + r)", "v += l * (z - x)", correct[1], "w -= l * g", "g = l * r", correct[2]];
   }
+  if (gate != null) [constants.gate, variables.refused] = [gate, 0];
   return LANGUAGES[language]({
-    about, predict, correct, names: Object.keys(variables).join(", "), start: ["x = z", ...assigned(start)],
+    about, predict, correct, gated: gate != null, start: ["x = z", ...assigned(start)],
     constants: assigned(constants).join(", "), variables: assigned(variables).join(", "),
   });
 }

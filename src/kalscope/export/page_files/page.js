@@ -13,9 +13,7 @@ const PARAMETERS = {
 };
 const given = JSON.parse($("data").textContent);
 let opened = given; // what is opened: title, period, time, channels
-let at = 0; // the channel
-let chart = null;
-let drawn = [[], [], []]; // what the chart shows
+let [at, chart, drawn] = [0, null, []]; // the channel, its chart, and what that shows
 
 const channel = () => opened.channels[at];
 const params = () => channel().params;
@@ -123,10 +121,10 @@ function showParameter(name, { top = STEPS, bottom = -STEPS }) {
 
 let language = "Arduino";
 function showCode() {
-  const [{ q, r, gate }, { lag }, { name, unit }] = [params(), settled(params()), channel()];
+  const [{ q, r }, { lag }, { name, unit }] = [params(), settled(params()), channel()];
   const variance = (value) => `${digits(value)}${unit ? ` ${unit}²` : ""}`;
   const words = `Kalman filter of ${name}: q = ${variance(q)}, r = ${variance(r)}, lag ${lagText(lag)}`;
-  const about = `${words}${gate == null ? "" : "; without the outlier gate"}`.replace(/[^\x20-\x7e²µ°]|\\/g, "?");
+  const about = words.replace(/[^\x20-\x7e²µ°]|\\/g, "?");
   $("text").textContent = codeOf(language, params(), about, opened.period);
 }
 
