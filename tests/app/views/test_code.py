@@ -16,7 +16,17 @@ from kalscope.estimation.request import Noise, Request, find_parameters
 from kalscope_app.session.changes import apply_found, pin_present, set_text, share_line
 from kalscope_app.session.opening import opened, opened_experiment
 from kalscope_app.session.session import History, record, step
-from kalscope_app.views.export import GAPS, TITLES, Choice, device_notes, files_of, html_report, limits_text, packed
+from kalscope_app.views.export import (
+    GAPS,
+    TITLES,
+    Choice,
+    device_notes,
+    files_of,
+    html_report,
+    limits_text,
+    packed,
+    shared_page,
+)
 
 
 @pytest.fixture
@@ -94,6 +104,7 @@ def test_the_report_of_the_dashboard_reopens_without_a_file_and_has_the_pins(sta
     assert html.escape(share_line(pinned).line) in text
     assert "tuning.toml" not in text
     assert "<td>A</td><td>0.0200</td>" in text
+    assert b'"q": 0.5' in shared_page(pinned)
     with pytest.raises(BadSetting, match="choose the Kalman filter"):
         html_report(opened_experiment("generalized_figure_8"))
 
