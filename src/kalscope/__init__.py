@@ -20,9 +20,6 @@ if TYPE_CHECKING:
     from kalscope.estimation.fit import estimate as estimate
     from kalscope.estimation.fit import params_for_specification as params_for_specification
     from kalscope.estimation.fusion import estimate_fusion as estimate_fusion
-    from kalscope.estimation.many import estimate_many as estimate_many
-    from kalscope.estimation.noise import noise_from_datasheet as noise_from_datasheet
-    from kalscope.estimation.noise import noise_from_still as noise_from_still
     from kalscope.estimation.result import Estimate as Estimate
     from kalscope.export.registry import export_tuning as export_tuning
     from kalscope.filtering.filter import FilterResult as FilterResult
@@ -37,7 +34,6 @@ if TYPE_CHECKING:
     from kalscope.recording import Recording as Recording
     from kalscope.sources.grammar.read_options import ReadOptions as ReadOptions
     from kalscope.sources.reading.recording_file import read_recording as read_recording
-    from kalscope.sources.samples import list_samples as list_samples
     from kalscope.sources.synthetic import synthesize as synthesize
     from kalscope.tuned import TuneResult as TuneResult
     from kalscope.tuned import tune as tune
@@ -53,8 +49,6 @@ _NAMES = {
     "errors": "BadDevice BadFile BadSetting KalscopeError",
     "estimation.fit": "estimate params_for_specification",
     "estimation.fusion": "estimate_fusion",
-    "estimation.many": "estimate_many",
-    "estimation.noise": "noise_from_datasheet noise_from_still",
     "estimation.result": "Estimate",
     "export.registry": "export_tuning",
     "filtering.filter": "FilterResult KalmanFilter denoise fuse kalman_filter smooth",
@@ -63,7 +57,6 @@ _NAMES = {
     "recording": "Recording",
     "sources.grammar.read_options": "ReadOptions",
     "sources.reading.recording_file": "read_recording",
-    "sources.samples": "list_samples",
     "sources.synthetic": "synthesize",
     "tuned": "TuneResult tune",
     "tuning.file": "load_tuning save_tuning",

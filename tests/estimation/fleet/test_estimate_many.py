@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from each import each
 
-from kalscope import BadSetting, estimate, estimate_many
+from kalscope import BadSetting, estimate
 from kalscope.errors import Cancelled
 from kalscope.estimation import kernels
 from kalscope.estimation import many as estimate_many_module
 from kalscope.estimation.fit import estimate_fixed_r, estimate_fixed_ratio
-from kalscope.estimation.many import Series, pair_intervals
+from kalscope.estimation.many import Series, estimate_many, pair_intervals
 
 NAN = np.nan
 

@@ -9,7 +9,8 @@ import pytest
 from each import each
 from fleets import fleet
 
-from kalscope import BadSetting, estimate_many
+from kalscope import BadSetting
+from kalscope.estimation.many import estimate_many
 from kalscope.estimation.pool import outliers
 
 

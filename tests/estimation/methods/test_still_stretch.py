@@ -9,7 +9,8 @@ import pytest
 from each import each
 from signals import walk
 
-from kalscope import BadSetting, noise_from_still
+from kalscope import BadSetting
+from kalscope.estimation.noise import noise_from_still
 from kalscope.estimation.request import Noise, Request, find_parameters
 from kalscope.estimation.still import MIN_SAMPLES, find_still_stretch
 
