@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import importlib.util
 import re
+import shutil
+import subprocess
 from pathlib import Path
 
 import pytest
+from required import not_here
 
 DOCS = Path(__file__).parents[1] / "docs"
 *SENSORS, TWELVE = (DOCS / "gallery.md").read_text("utf-8").split("\n## ")[1:]
@@ -64,3 +67,17 @@ def test_the_commands_of_the_readme_run(with_answers):
 def test_a_command_that_fails_fails_the_page(with_answers):
     with pytest.raises(RuntimeError, match="--lag-ms must be"):
         with_answers("```sh run\nkalscope tune demo --lag-ms -1\n```\n")
+
+
+def test_the_thermistor_is_missing_where_a_wire_is_off_or_it_is_shorted(tmp_path):
+    (code,) = re.findall(r"```cpp\n(float readSensor.*?)```", (DOCS / "gallery.md").read_text("utf-8"), re.DOTALL)
+    (tmp_path / "main.cpp").write_text(
+        "#include <math.h>\n#include <stdint.h>\n#include <stdio.h>\n#include <stdlib.h>\nint PINS[1];\n"
+        f"int analogRead(int counts) {{ return counts; }}\n{code}\n"
+        'int main(int, char **counts) { PINS[0] = atoi(counts[1]); printf("%.1f", readSensor(0)); }\n'
+    )
+    if shutil.which("g++") is None:
+        not_here("g++ is not installed")
+    subprocess.run(["g++", "-Wall", "-Werror", "main.cpp", "-o", "main"], cwd=tmp_path, check=True)
+    read = [subprocess.check_output([tmp_path / "main", counts], text=True) for counts in ("0", "511", "1023")]
+    assert read == ["nan", "25.0", "nan"]

@@ -64,7 +64,9 @@ def files(job: ExportJob, *, calibration: bool = False, minimal: bool = False) -
 
 
 def _calibration(job: ExportJob) -> str:
-    values = [f"const KalscopeTuning  = {{{_fields(job, channel)}}};" for channel in job.channels]
+    values = [
+        f"const KalscopeTuning  = {{{', '.join(_fields(job, channel).values())}}};" for channel in job.channels
+    ]
     stamp = zlib.crc32(repr((job.identifiers, values, _period(job)[0])).encode()) & 0x7FFFFFFF
     return fill_template(
         "arduino/KalscopeCalibration.h", ratios=_ratios(job), stamp=f"0x{stamp:08X}UL", **_limits_of_stillness()
@@ -84,12 +86,12 @@ def _limits_of_stillness() -> dict[str, str]:
     return {"groups": str(GROUPS), "min_readings": str(MIN_SAMPLES), **texts}
 
 
-def _fields(job: ExportJob, one: ChannelTuning) -> str:
+def _fields(job: ExportJob, one: ChannelTuning) -> dict[str, str]:
     try:
         float32_tuning(one)
     except BadSetting as error:
         raise BadSetting(f"{comment_text(one.name)}: {error}") from None
-    return ", ".join(tuning_values(job, one, lambda value: float32_text(np.float32(value))).values())
+    return tuning_values(job, one, lambda value: float32_text(np.float32(value)))
 
 
 def _ratios(job: ExportJob) -> str:
@@ -120,11 +122,12 @@ def _constant_name(job: ExportJob, word: str) -> str:
 
 
 def _header(job: ExportJob) -> str:
-    kind, opening = ("KalscopeFusionTuning", "{\n  ") if job.fuses else ("KalscopeTuning", "{")
+    kind = "KalscopeFusionTuning" if job.fuses else "KalscopeTuning"
     parts: list[str] = []
     for word, one in job.named_channels:
-        constant = f"const {kind} {_constant_name(job, word)} = {opening}{_fields(job, one)}}};"
-        parts.append(f"{commented(about_channel(job, one), '//')}{constant}\n")
+        fields = "".join(f"  {value},  // {name}\n" for name, value in _fields(job, one).items())
+        constant = f"const {kind} {_constant_name(job, word)} = {{\n{fields}}};\n"
+        parts.append(f"{commented(about_channel(job, one), '//')}{constant}")
     count = len(job.fusion.sensors)
     momentum = fill_template("arduino/set_momentum.h", last_power=str(LAST_POWER)) if job.has_momentum else ""
     return fill_template(
