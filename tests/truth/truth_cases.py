@@ -22,6 +22,7 @@ from typing import Any
 import numpy as np
 
 import kalscope as ks
+from kalscope.estimation.many import estimate_many
 from kalscope.filtering.classic import Chain, OneEuro
 
 Case = dict[str, Any]
@@ -279,7 +280,7 @@ def fleets() -> Iterator[Case]:
 
 def table(name: str, series: Any, dt: Any, **options: Any) -> Iterator[Case]:
     """The row of each device."""
-    found = ks.estimate_many(series, dt, **options)
+    found = estimate_many(series, dt, **options)
     columns = fields(found, "verdict q r q_se r_se loglik samples momentum spikes gate")
     ends = ("ratio_interval", "q_interval", "r_interval")
     columns |= {one: plain(np.transpose(getattr(found, one))) for one in ends}
