@@ -27,33 +27,26 @@ from kalscope_app.session.changes import ENDING, share_line
 from kalscope_app.session.session import Failed, Session
 from kalscope_app.session.state import State
 from kalscope_app.views.widgets import add_button, escape_markdown, on_user, put
-from kalscope_app.views.window import COPY_BUTTON, PRIMARY
+from kalscope_app.views.window import COPY_BUTTON, FILES, PRIMARY
 
-# A dialog in one browser: files to read and copy.
-
-
-WIDE = """<style>
-.mantine-Modal-content:has(.kalscope-files) { flex: 0 0 min(72rem, 94vw); max-width: 94vw; }
-.mantine-Modal-content:has(.kalscope-files) textarea {
-  min-height: calc(100vh - 21rem) !important; font: 0.8rem/1.35 ui-monospace, monospace; white-space: pre;
-  overflow: auto;
-}
-.mantine-Modal-content:has(.kalscope-files) .mantine-Flex-root > div:first-child { display: none; }
-</style><span class="kalscope-files"></span>"""
-"""viser's windows are 400 px wide and its text boxes 6 lines high, too small for code. A constant: it must never
-contain text from outside."""
+# Files for one browser: to read and copy in a dialog, or as a download.
 
 
 def show_files(client: viser.ClientHandle, files: dict[str, str]) -> None:
     """A window with a tab for each file, in a text box: plain text, so nothing in it can act."""
     with client.gui.add_modal("Preview code") as window:
-        client.gui.add_html(WIDE)
+        client.gui.add_html(FILES)
         tabs = client.gui.add_tab_group()
         for name, text in files.items():
             with tabs.add_tab(name):
                 client.gui.add_text(name, text, multiline=True)
                 client.gui.add_button(COPY_BUTTON)
         add_button(client.gui, "Close", None, lambda _client: window.close())
+
+
+def send_file(client: viser.ClientHandle, name: str, content: bytes) -> None:
+    """Have a browser save a file."""
+    client.send_file_download(name, content, save_immediately=True)
 
 
 # What the user chose to export, what will differ on the device, and the files to export. Pure.
@@ -200,7 +193,7 @@ class CodeView:
 
     def _send(self, client: viser.ClientHandle) -> None:
         target = self.choice.target
-        self._with_files(lambda files: client.send_file_download(*packed(target, files), save_immediately=True))
+        self._with_files(lambda files: send_file(client, *packed(target, files)))
 
     def _with_files(self, use: Callable[[dict[str, str]], None]) -> None:
         """Make the files of the state on screen, as a job, and hand them on."""
@@ -243,10 +236,7 @@ def add_downloads(gui: viser.GuiApi, session: Session, jobs: Jobs) -> None:
 
     def add(label: str, hint: str, name: str, make: Callable[[State], bytes]) -> None:
         def send(client: viser.ClientHandle) -> None:
-            def work(state: State) -> None:
-                client.send_file_download(name, make(state), save_immediately=True)
-
-            jobs.run_with_state(session, work, Failed.SAVE)
+            jobs.run_with_state(session, lambda state: send_file(client, name, make(state)), Failed.SAVE)
 
         add_button(gui, label, hint, send)
 

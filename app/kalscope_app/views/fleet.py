@@ -15,6 +15,7 @@ from kalscope_app.engine.jobs import Jobs
 from kalscope_app.session.changes import close_fleet, find_devices, set_fleet_order
 from kalscope_app.session.session import Failed, Session
 from kalscope_app.session.state import ORDERS, OpenFleet, loss_text
+from kalscope_app.views.export import send_file
 from kalscope_app.views.widgets import add_button, bind, escape_markdown, offer, on_user, put, table_of
 
 if TYPE_CHECKING:
@@ -138,8 +139,7 @@ class FleetTab:
     def _send(self, name: str, make: Callable[[OpenFleet], bytes], client: viser.ClientHandle) -> None:
         shown = self._shown
         if shown is not None:
-            send = client.send_file_download
-            self._jobs.run(lambda: send(name, make(shown), save_immediately=True), Failed.SAVE)
+            self._jobs.run(lambda: send_file(client, name, make(shown)), Failed.SAVE)
 
     def _on_device(self) -> None:
         shown = self._shown

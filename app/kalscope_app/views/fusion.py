@@ -22,15 +22,7 @@ from kalscope_app.session.session import Failed, Session
 from kalscope_app.session.state import MAX_SENSORS, Change, State
 from kalscope_app.studies.checks import Judged
 from kalscope_app.views.checks import reasons_of
-from kalscope_app.views.widgets import (
-    SlowJob,
-    TypedNumber,
-    add_button,
-    escape_markdown,
-    offer,
-    on_user,
-    put,
-)
+from kalscope_app.views.widgets import SlowJob, TypedNumber, add_button, escape_markdown, offer, on_user, put
 
 # One of the sensors that are fused: whether it takes part, its noise, its offset, and its share.
 

@@ -242,15 +242,13 @@ class GoalView:
         self._shown: tuple[object, ...] = ()
         with gui.add_form(None) as self._form:
             self._goal = gui.add_dropdown("goal", (*GOALS, MORE), hint=HINT)
-            self._method = gui.add_dropdown(
-                "method", MORE_METHODS, visible=False, hint="Other ways to find q and r."
-            )
+            hint = "Other ways to find q and r."
+            self._method = gui.add_dropdown("method", MORE_METHODS, visible=False, hint=hint)
             self._box = gui.add_text("", "", visible=False, hint="")
             self._apply = gui.add_button("Apply", color=PRIMARY, hint="Sets q and r in one step; Undo reverts it.")
             self._costs = gui.add_markdown("", visible=False)
-            self._settings = gui.add_button_group(
-                "smoothing", tuple(SETTINGS), visible=False, hint="Takes this setting; Undo reverts it."
-            )
+            hint = "Takes this setting; Undo reverts it."
+            self._settings = gui.add_button_group("smoothing", tuple(SETTINGS), visible=False, hint=hint)
             self._running = SlowJob(gui, "Stop the search and change nothing.")
             self._answer = gui.add_markdown("", visible=False)
         bind(self._goal, session, lambda goal: set_search_method(_method_for(goal), SEARCH_METHODS))
@@ -281,13 +279,12 @@ class GoalView:
     def _search(self, state: State, request: Request | None) -> None:
         if request is None:
             return
-        z, period = state.recording.channel(state.channel), state.recording.sample_period
         with self._running as running:
             found = find_parameters(
-                z,
+                state.z,
                 request,
                 dt=state.dt,
-                sample_period=period,
+                sample_period=state.recording.sample_period,
                 progress=running.report,
                 cancelled=running.is_cancelled,
             )

@@ -51,15 +51,7 @@ from kalscope_app.session.opening import opened, opened_experiment, with_sample_
 from kalscope_app.session.session import Failed, Session
 from kalscope_app.session.state import Change, State
 from kalscope_app.views.fleet import fleet_of
-from kalscope_app.views.widgets import (
-    SlowJob,
-    TypedNumber,
-    add_button,
-    capitalised,
-    escape_markdown,
-    on_user,
-    put,
-)
+from kalscope_app.views.widgets import SlowJob, TypedNumber, add_button, capitalised, escape_markdown, on_user, put
 from kalscope_app.views.window import PERIOD_BUTTON, PRIMARY, QUESTION
 from kalscope_app.worker.worker import Worker
 

@@ -11,28 +11,12 @@ from kalscope.filtering.classic import OneEuro
 from kalscope.filtering.params import MAX_FAST
 from kalscope.filtering.steady import steady_state
 from kalscope_app.engine.frame import Frame
-from kalscope_app.session.changes import (
-    MAX_POSITION,
-    MEDIANS,
-    OFF,
-    add_momentum,
-    median_words,
-    pin_present,
-    reset_parameters,
-    set_exponent,
-    set_fast_position,
-    set_gain_shown,
-    set_median,
-    set_momentum_position,
-    set_text,
-    slider_limits,
-    slider_position,
-    use_kalman_filter,
-)
+from kalscope_app.session import changes
+from kalscope_app.session.changes import OFF
 from kalscope_app.session.session import Session, redo, undo
 from kalscope_app.session.state import Change, State
 from kalscope_app.views.goal import account_text
-from kalscope_app.views.widgets import Ends, NumberWithSlider, TypedNumber, bind, offer, on_decades, on_user, put
+from kalscope_app.views.widgets import Ends, NumberWithSlider, TypedNumber, add_button, bind, offer, on_user, put
 
 # The parameters, a row each: the exact value as text, and a slider over its exponent.
 
@@ -65,15 +49,24 @@ ROWS = {
 """Label and hint of each box by its parameter."""
 
 
+def on_decades(value: float | None, low: int, high: int, beyond: str = "") -> tuple[float, Ends]:
+    """Position and ends of a slider over 10^low … 10^high; `beyond` names one more step at its right, for None."""
+    ends = (float(low), f"1e{low}"), (float(high), f"1e{high}")
+    if beyond:
+        ends = (float(low), ""), (high + 1.0, beyond)  # there is no room for both words
+    if value is None:
+        return ends[1][0], ends
+    return min(max(math.log10(value), low), high) if value > 0.0 else float(low), ends
+
+
 def place(state: State, name: str) -> tuple[float, Ends]:
     """Position and ends of the slider of a parameter."""
     if name == "momentum":
-        return slider_position(state.tuning.momentum), ((0.0, OFF), (MAX_POSITION, "1e5"))
+        return changes.slider_position(state.tuning.momentum), ((0.0, OFF), (changes.MAX_POSITION, "1e5"))
     if name == "fast":
         return math.log10(state.tuning.fast or 1.0), ((0.0, OFF), (math.log10(MAX_FAST), "1e12"))
-    return on_decades(
-        getattr(state.tuning, name), *slider_limits(state, name), beyond=AUTOMATIC if name == "p0" else ""
-    )
+    low, high = changes.slider_limits(state, name)
+    return on_decades(getattr(state.tuning, name), low, high, beyond=AUTOMATIC if name == "p0" else "")
 
 
 class ParametersView:
@@ -89,11 +82,13 @@ class ParametersView:
         return NumberWithSlider(gui, session, label, box, lambda at: self._moved(name, at))
 
     def _moved(self, name: str, position: float) -> Change:
-        if name in ("momentum", "fast"):
-            return (set_momentum_position if name == "momentum" else set_fast_position)(position)
+        if name == "momentum":
+            return changes.set_momentum_position(position)
+        if name == "fast":
+            return changes.set_fast_position(position)
         if name == "p0" and position > self._rows[name].slider.max - 0.5:
-            return set_text(name, AUTOMATIC)
-        return set_exponent(name, position)
+            return changes.set_text(name, AUTOMATIC)
+        return changes.set_exponent(name, position)
 
     def show(self, frame: Frame) -> None:
         """Set every row to the frame's values, except those that have changed since."""
@@ -111,7 +106,7 @@ class ParametersView:
         return name != "r" or frame.state.fusion is None  # each of several fused sensors has its own
 
 
-STEPS = {"Pin": pin_present, "Undo": undo, "Redo": redo}
+STEPS = {"Pin": changes.pin_present, "Undo": undo, "Redo": redo}
 """The row of small buttons."""
 
 
@@ -143,10 +138,9 @@ class ChainView:
 
     def __init__(self, gui: viser.GuiApi, session: Session) -> None:
         self._text = gui.add_markdown("", visible=False)
-        self._back = gui.add_button(
-            "Back to the Kalman filter", visible=False, hint="At the q and r that it had; Undo reverts it."
-        )
-        on_user(self._back.on_click, lambda _client: session.request(use_kalman_filter))
+        hint = "At the q and r that it had; Undo reverts it."
+        self._back = gui.add_button("Back to the Kalman filter", visible=False, hint=hint)
+        on_user(self._back.on_click, lambda _client: session.request(changes.use_kalman_filter))
 
     def show(self, frame: Frame) -> None:
         """Follow the frame."""
@@ -179,19 +173,16 @@ class MoreView:
             for name, words in MORE_BOXES.items()
         )
         self._momentum = ParametersView(gui, session, "momentum", "fast")
-        self._median = gui.add_dropdown("median first", list[str](MEDIANS), hint=MEDIAN_HINT)
-        self._add = gui.add_button(
-            "Add momentum",
-            hint="For signals that keep their direction: less noise at the same lag, but overshoot.",
-        )
-        reset = gui.add_button("Reset", hint="Back to how the recording opened, or the sensors were fused.")
-        self._gain = gui.add_checkbox("show gain chart", False, hint="The gain K of the first samples.")
+        median = gui.add_dropdown("median first", list[str](changes.MEDIANS), hint=MEDIAN_HINT)
+        self._median = bind(median, session, changes.set_median)
+        hint = "For signals that keep their direction: less noise at the same lag, but overshoot."
+        self._add = add_button(gui, "Add momentum", hint, lambda _: session.request(changes.add_momentum))
+        hint = "Back to how the recording opened, or the sensors were fused."
+        add_button(gui, "Reset", hint, lambda _: session.request(changes.reset_parameters))
+        gain = gui.add_checkbox("show gain chart", False, hint="The gain K of the first samples.")
+        self._gain = bind(gain, session, changes.set_gain_shown)
         self._table = gui.add_markdown("")
         self._account = gui.add_markdown("", visible=False)
-        on_user(self._add.on_click, lambda _client: session.request(add_momentum))
-        on_user(reset.on_click, lambda _client: session.request(reset_parameters))
-        bind(self._median, session, set_median)
-        bind(self._gain, session, set_gain_shown)
 
     def show(self, frame: Frame) -> None:
         """Follow the frame."""
@@ -203,7 +194,8 @@ class MoreView:
         self._gate.set_visible(used and tuning.fast is None)
         window = 1 if tuning.chain is None else tuning.chain.median
         put(self._median, visible=state.fusion is None and tuning.paper is None)
-        offer(self._median, dict.fromkeys((*MEDIANS, median_words(window))), median_words(window))
+        words = changes.median_words(window)
+        offer(self._median, dict.fromkeys((*changes.MEDIANS, words)), words)
         self._add.visible = used and tuning.momentum == 0.0 and tuning.fast is None
         put(self._gain, value=state.view.gain_shown, visible=state.has_gain)
         account = account_text(state)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import re
 import threading
 import time
@@ -223,13 +222,3 @@ class NumberWithSlider:
         set_ends(self.slider, *ends)
         if abs(self.slider.value - position) > 0.005:
             self.slider.value = round(position, 2)
-
-
-def on_decades(value: float | None, low: int, high: int, beyond: str = "") -> tuple[float, Ends]:
-    """Position and ends of a slider over 10^low … 10^high; `beyond` names one more step at its right, for None."""
-    ends = (float(low), f"1e{low}"), (float(high), f"1e{high}")
-    if beyond:
-        ends = (float(low), ""), (high + 1.0, beyond)  # there is no room for both words
-    if value is None:
-        return ends[1][0], ends
-    return min(max(math.log10(value), low), high) if value > 0.0 else float(low), ends

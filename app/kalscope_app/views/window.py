@@ -51,8 +51,8 @@ VERDICT = '<span class="kalscope-verdict"></span>'
 ONE_BUTTON = '<span class="kalscope-one-button"></span>'
 """Precedes a row of one button, which is then as wide as its label."""
 
-COMMAND = '<span class="kalscope-command"></span>'
-"""Starts a markdown paragraph whose pieces of code are the words of one command."""
+FILES = '<span class="kalscope-files"></span>'
+"""Precedes the files in a dialog, which is then wide and high enough for code."""
 
 PRIMARY: Literal["blue"] = "blue"
 """Colour of the one filled button of a tab, shown as the theme's own; buttons without a colour are outlined."""

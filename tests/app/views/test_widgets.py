@@ -6,7 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kalscope_app.views.widgets import escape_markdown, on_decades, typed
+from kalscope_app.views.tune import on_decades
+from kalscope_app.views.widgets import escape_markdown, typed
 
 
 @given(st.floats(1e-300, 1e300))
