@@ -16,7 +16,7 @@ HAVE_SYSTEM := (command -v chromium || command -v chromium-browser || command -v
   && PATH="$$PATH:/usr/sbin" command -v mosquitto >/dev/null 2>&1 && command -v openssl >/dev/null 2>&1 \
   && test -x /usr/sbin/sshd && command -v ssh >/dev/null 2>&1
 
-.PHONY: run test test-fast test-failed check docs pictures packages release format bench soak system can-test clean
+.PHONY: run test coverage test-fast test-failed check docs pictures packages release format bench soak system can-test clean
 
 run: .venv/run.stamp
 	$(BIN)/kalscope
@@ -31,6 +31,10 @@ WORKERS ?= 4
 PYTEST = $(BIN)/python -m pytest -n $(WORKERS) --dist worksteal
 
 test: can-test .venv/warm.stamp
+	$(PYTEST)
+
+# The same tests with branch coverage, which makes Python half as slow again.
+coverage: can-test .venv/warm.stamp
 	$(PYTEST) --cov --cov-report=term
 
 # The quick tests, to run between two edits: no browser, no board, no process, no slow test. None of them

@@ -19,7 +19,6 @@ from board_fixtures import start_board, stream_sketch, workshop
 from effort import EXAMPLES, FUZZ
 from hypothesis import settings
 from markers import mark
-from traced import trace
 from waiting import PATIENCE
 
 from kalscope.cli.app import COMMANDS
@@ -53,12 +52,6 @@ def pytest_configure() -> None:
         signal.signal(signal.SIGINT, signal.default_int_handler)
     if os.name == "posix" and signal.getsignal(signal.SIGHUP) is signal.SIG_IGN:
         signal.signal(signal.SIGHUP, signal.SIG_DFL)
-
-
-@pytest.hookimpl(trylast=True)
-def pytest_sessionstart(session: pytest.Session) -> None:
-    """Measure coverage where it may grow, once pytest-cov has begun."""
-    trace(session.config)
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

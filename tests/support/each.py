@@ -12,9 +12,6 @@ from collections.abc import Callable, Iterable
 
 import pytest
 
-AFTER_A_CASE: list[Callable[[], None]] = []
-"""What is called after each case (tests/support/traced.py)."""
-
 
 def each(
     names: str | tuple[str, ...],
@@ -48,14 +45,11 @@ def each(
                 except (Exception, pytest.fail.Exception) as miss:
                     miss.add_note(f"in case {at} of {names}: {case if label is None else label!r}")
                     misses.append(miss)
-                for call in () if hasattr(test, "of_cases") else AFTER_A_CASE:  # once a case of several lists
-                    call()
             if misses:
                 raise BaseExceptionGroup(f"{len(misses)} of {len(cases)} cases of {names}", misses)
 
         left = [one for one in inspect.signature(test).parameters.values() if one.name not in values[0]]
         every.__signature__ = inspect.Signature(left)
-        every.of_cases = True
         return every
 
     return of_all

@@ -1,9 +1,6 @@
 """Which tests start a browser, a simulated board, a server or another process, read from what they use.
 
-So no test can be forgotten: `make test-fast` leaves out every marked one. Coverage is not measured in the long ones
-that drive a browser or a board or are slow: they would take half as long again, and reach almost nothing that no
-short one reaches. Neither is it in what reads the recordings beside the repository, which is skipped where they are
-absent: so the report is the same everywhere. `traced.py` chooses among the others.
+So no test can be forgotten: `make test-fast` leaves out every marked one.
 """
 
 from __future__ import annotations
@@ -11,9 +8,7 @@ from __future__ import annotations
 import inspect
 import os
 import subprocess
-from collections.abc import Callable, Iterator
-from functools import cache
-from pathlib import Path
+from collections.abc import Iterator
 from types import CodeType, FunctionType
 
 import pytest
@@ -33,9 +28,6 @@ STARTERS = {
     "wire",
 }
 """Modules whose functions and classes start or meet a server or the program."""
-UNTRACED = ("browser", "device", "slow")
-"""Markers of tests in which coverage is not measured."""
-SHARED_DATA = (Path(__file__).parents[3] / "shared" / "data").resolve()
 
 
 def mark(item: pytest.Item) -> None:
@@ -47,33 +39,23 @@ def mark(item: pytest.Item) -> None:
         if fixture in fixtures:
             item.add_marker(marker)
     functions = [item.function, *(one.func for definitions in fixtures.values() for one in definitions)]
-    if any(uses_any(function, starts_something) for function in functions):
+    if any(uses(function, set()) for function in functions):
         item.add_marker("server")
-    parameters = item.callspec.params.values() if hasattr(item, "callspec") else ()
-    untraced = any(map(item.get_closest_marker, UNTRACED)) or any(map(is_shared, parameters))
-    if untraced or any(uses_any(function, names_shared) for function in functions):
-        item.add_marker("untraced")
 
 
-@cache
-def uses_any(function: Callable[..., object], holds: Callable[[str, object, FunctionType], bool]) -> bool:
-    """The same as `uses`, asked once for all cases of a test and all tests with a fixture."""
-    return uses(function, holds, set())
-
-
-def uses(function: object, holds: Callable[[str, object, FunctionType], bool], seen: set[object]) -> bool:
-    """Whether `holds` is true of a global name of a function, or of one of its module that it uses."""
+def uses(function: object, seen: set[object]) -> bool:
+    """Whether a function, or one of its module that it uses, starts a process or meets a server."""
     function = inspect.unwrap(function) if callable(function) else function
     if not isinstance(function, FunctionType) or function in seen:
         return False
     seen.add(function)
     for name in names_in(function.__code__):
         value = function.__globals__.get(name)
-        if holds(name, value, function):
+        if starts_something(name, value, function):
             return True
         module = getattr(value, "__module__", None)
         parts = list(vars(value).values()) if inspect.isclass(value) else [value]
-        if module == function.__module__ and any(uses(part, holds, seen) for part in parts):
+        if module == function.__module__ and any(uses(part, seen) for part in parts):
             return True
     return False
 
@@ -86,15 +68,6 @@ def starts_something(name: str, value: object, function: FunctionType) -> bool:
         or opens_terminal
         or (callable(value) and getattr(value, "__module__", None) in STARTERS)
     )
-
-
-def names_shared(_name: str, value: object, _function: FunctionType) -> bool:
-    """Whether this is a path of a real recording."""
-    return is_shared(value)
-
-
-def is_shared(value: object) -> bool:
-    return isinstance(value, Path) and value.resolve().is_relative_to(SHARED_DATA)
 
 
 def names_in(code: CodeType) -> Iterator[str]:
