@@ -2,7 +2,6 @@ import hashlib
 
 import numpy as np
 import pytest
-from each import each
 
 from kalscope.catalogue import open_source
 from kalscope.errors import BadFile, BadSetting
@@ -56,7 +55,7 @@ REFUSED = {
 }
 
 
-@each("words", REFUSED)
+@pytest.mark.parametrize("words", REFUSED)
 def test_what_is_no_recording_is_refused_by_what_it_looks_like(words):
     specs, error = REFUSED[words]
     for spec in specs.split():

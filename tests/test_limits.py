@@ -4,7 +4,7 @@ import re
 from importlib import import_module
 from pathlib import Path
 
-from each import each
+import pytest
 
 PAGE = Path(__file__).with_name("limits.md")
 SIZES = {"KiB": 1 << 10, "MiB": 1 << 20, "GiB": 1 << 30}
@@ -20,7 +20,7 @@ def figure(text):
     return found and float(found[1].replace(",", "")) * SIZES.get(found[2], 1)
 
 
-@each(("of", "most", "beyond", "module", "name"), ROWS, ids=[row[0] for row in ROWS])
+@pytest.mark.parametrize(("of", "most", "beyond", "module", "name"), ROWS, ids=[row[0] for row in ROWS])
 def test_the_page_states_the_limit_that_holds(of, most, beyond, module, name):
     value = getattr(import_module(module), name)
     assert value in (figure(most), figure(beyond)), (of, value)

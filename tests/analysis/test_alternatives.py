@@ -8,7 +8,6 @@ import re
 import numpy as np
 import pytest
 import signals
-from each import each
 
 from kalscope import (
     BadSetting,
@@ -292,7 +291,7 @@ def test_where_the_signal_keeps_its_direction_nothing_simpler_is_better(match):
         assert exponential.lag_samples > 2.0 * found.present.lag_samples
 
 
-@each("momentum", [0.0, 20.0])
+@pytest.mark.parametrize("momentum", [0.0, 20.0])
 def test_the_fixed_lag_smoother_sees_so_much_ahead_and_its_gain_is_known_without_the_truth(momentum):
     rng = np.random.default_rng(8)
     walk = np.cumsum(rng.normal(size=4000))

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from each import each
 
 from kalscope.analysis import channel_kinds as kinds
 from kalscope.analysis.channel_kinds import channel_kinds, default_channel
@@ -38,8 +37,8 @@ MEASURE = {
 }
 
 
-@each("z", MEASURE.values(), ids=MEASURE)
-@each("name", ["value 1", "temperature", "x", "a"])
+@pytest.mark.parametrize("z", MEASURE.values(), ids=MEASURE)
+@pytest.mark.parametrize("name", ["value 1", "temperature", "x", "a"])
 def test_what_measures_is_a_measurement(z, name):
     assert kind(z, name) == kinds.MEASUREMENT
 
@@ -62,7 +61,7 @@ NO_MEASUREMENT = {
 }
 
 
-@each(("z", "expected"), NO_MEASUREMENT.values(), ids=NO_MEASUREMENT)
+@pytest.mark.parametrize(("z", "expected"), NO_MEASUREMENT.values(), ids=NO_MEASUREMENT)
 def test_the_values_betray_what_does_not_measure(z, expected):
     assert kind(z) == expected
 
@@ -86,17 +85,17 @@ NAMED = [
 ]
 
 
-@each(("name", "z", "expected"), NAMED)
+@pytest.mark.parametrize(("name", "z", "expected"), NAMED)
 def test_a_name_tells_apart_what_looks_alike(name, z, expected):
     assert kind(z, name) == expected
 
 
-@each("name", ["seconds", "lat", "count", "status", "year", "dt", "mm", "min", "seq"])
+@pytest.mark.parametrize("name", ["seconds", "lat", "count", "status", "year", "dt", "mm", "min", "seq"])
 def test_a_name_alone_decides_nothing(name):
     assert kind(50.0 * NOISE, name) == kinds.MEASUREMENT
 
 
-@each("name", ["temp_min", "rain_mm", "T", "min", "t_max"])
+@pytest.mark.parametrize("name", ["temp_min", "rain_mm", "T", "min", "t_max"])
 def test_a_warming_in_whole_degrees_is_no_part_of_a_date(name):
     warming = np.rint(5.0 + ROWS / 60 + RNG.normal(0.0, 0.6, N))
     assert kind(warming, name) == kinds.MEASUREMENT

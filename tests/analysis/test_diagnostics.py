@@ -7,7 +7,6 @@ import math
 
 import numpy as np
 import pytest
-from each import each
 from signals import moving
 
 from kalscope import BadSetting, FilterParams, kalman_filter
@@ -168,7 +167,7 @@ def test_wrong_q_is_named_and_the_factor_is_about_right(ratio, wrong, word):
     assert math.exp(np.mean(np.log(factors))) == pytest.approx(1.0, abs=0.25)
 
 
-@each(("q_wrong", "r_wrong"), [(0.1, 2.0), (10.0, 0.5), (0.01, 1.0), (30.0, 30.0), (1e-5, 1.0)])
+@pytest.mark.parametrize(("q_wrong", "r_wrong"), [(0.1, 2.0), (10.0, 0.5), (0.01, 1.0), (30.0, 30.0), (1e-5, 1.0)])
 def test_following_the_advice_raises_the_likelihood_and_ends_in_no_fault(q_wrong, r_wrong):
     z = noisy_walk(3000, 0.02, seed=8)
     q, r = 0.02 * q_wrong, r_wrong
@@ -285,7 +284,7 @@ def test_held_out_half_is_not_shown_to_the_fit_and_its_spikes_count_in_the_recor
 # --- edge cases -----------------------------------------------------------------------------------------
 
 
-@each(
+@pytest.mark.parametrize(
     ("z", "q", "r", "word"),
     [
         (np.full(100, 20.1), 0.01, 1.0, "the signal is constant"),
@@ -300,9 +299,9 @@ def test_record_with_nothing_to_judge_says_so(z, q, r, word):
 
 
 @pytest.mark.slow
-@each("q", [0.0, 1e-300, 1e-9, 1.0, 1e9, 1e300])
-@each("r", [0.0, 1e-300, 1.0, 1e300])
-@each("p0", [None, 0.0, 1.0])
+@pytest.mark.parametrize("q", [0.0, 1e-300, 1e-9, 1.0, 1e9, 1e300])
+@pytest.mark.parametrize("r", [0.0, 1e-300, 1.0, 1e300])
+@pytest.mark.parametrize("p0", [None, 0.0, 1.0])
 def test_no_parameters_make_it_fail(q, r, p0):
     if q == r == 0.0:
         return
@@ -337,8 +336,8 @@ def test_lags_must_be_a_whole_number_of_at_least_one(nile):
 
 
 @pytest.mark.slow
-@each(("tau", "r"), [(10.0, 0.1), (30.0, 1.0), (30.0, 1e-3), (100.0, 1.0), (700.0, 0.01)])
-@each("ratio", [0.01, 1.0])
+@pytest.mark.parametrize(("tau", "r"), [(10.0, 0.1), (30.0, 1.0), (30.0, 1e-3), (100.0, 1.0), (700.0, 0.01)])
+@pytest.mark.parametrize("ratio", [0.01, 1.0])
 def test_where_momentum_describes_what_is_left_it_is_what_to_try(tau, r, ratio):
     z = moving(6000, tau, q=1.0, r=r, seed=2)
     said = diagnose(kalman_filter(z, FilterParams(ratio, r))).advice
@@ -347,7 +346,7 @@ def test_where_momentum_describes_what_is_left_it_is_what_to_try(tau, r, ratio):
     assert tried.advice == NO_FAULT
 
 
-@each(("q", "r"), [(1e-3, 1.0), (1.0, 1e-4), (0.0, 1.0), (1.0, 0.0)])
+@pytest.mark.parametrize(("q", "r"), [(1e-3, 1.0), (1.0, 1e-4), (0.0, 1.0), (1.0, 0.0)])
 def test_with_momentum_the_best_pair_is_that_at_this_momentum(q, r):
     judged = diagnose(kalman_filter(moving(6000, 30.0, q=1.0, seed=3), FilterParams(q, r, momentum=30.0)))
     if q * r:

@@ -6,7 +6,6 @@ import math
 
 import numpy as np
 import pytest
-from each import each
 
 from kalscope import BadSetting, FilterParams, estimate_fusion, fuse, judge_fusion, steady_state
 
@@ -32,8 +31,8 @@ def in_turns(z):
 
 
 @pytest.mark.slow
-@each("seed", range(12))
-@each("sensors", [1, 2, 3])
+@pytest.mark.parametrize("seed", range(12))
+@pytest.mark.parametrize("sensors", [1, 2, 3])
 def test_nothing_is_wrong_with_sensors_as_the_model_has_them(seed, sensors):
     z = recorded(seed, sensors, n=1000)
     for one in (z, in_turns(z)):
@@ -107,7 +106,7 @@ FAULTS = [
 ]
 
 
-@each(("spoil", "name", "fault", "sentence"), FAULTS)
+@pytest.mark.parametrize(("spoil", "name", "fault", "sentence"), FAULTS)
 def test_the_sensor_that_is_at_fault_is_named(spoil, name, fault, sentence):
     z = recorded()
     spoil(z)

@@ -8,7 +8,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from each import each
 from effort import EXAMPLES
 
 from kalscope import FilterParams, estimate, kalman_filter, open_source
@@ -164,7 +163,7 @@ def test_a_sensor_that_rounds_more_coarsely_than_its_noise_is_named_with_its_ste
 
 
 @pytest.mark.slow
-@each(
+@pytest.mark.parametrize(
     "name",
     [
         *("walk", "loud half", "spikes", "sine", "half a sine", "demo", "sample:nile", "sample:ultrasonic"),

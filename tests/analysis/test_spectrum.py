@@ -7,7 +7,6 @@ import re
 
 import numpy as np
 import pytest
-from each import each
 
 from kalscope import BadSetting, FilterParams, kalman_filter, steady_state
 from kalscope.analysis.spectrum import (
@@ -51,7 +50,7 @@ def transfer(gain, frequency):
 MOVING = [(0.01, 0.0), (0.01, 20.0), (1e-4, 300.0), (1.0, 0.3), (30.0, 5.0), (1e3, 1e5), (1e-6, 3e3), (0.1, 0.01)]
 
 
-@each(("q", "momentum"), [(1e-6, 0.0), (1e4, 0.0), *MOVING])
+@pytest.mark.parametrize(("q", "momentum"), [(1e-6, 0.0), (1e4, 0.0), *MOVING])
 def test_the_response_is_the_fourier_transform_of_what_the_filter_answers(q, momentum):
     params = FilterParams(q=q, r=1.0, p0=1.0, x0=0.0, momentum=momentum)
     start, n = 1 << 15, 1 << 15
@@ -138,8 +137,8 @@ def test_the_minimum_of_the_model_is_its_minimum():
     assert best_average(1.0, 0.0) == 1.0
 
 
-@each("momentum", [1e-9, 0.3, 5.0, 80.0, 3e3, 1e5])
-@each("size", [1, 2, 7, 40, 300])
+@pytest.mark.parametrize("momentum", [1e-9, 0.3, 5.0, 80.0, 3e3, 1e5])
+@pytest.mark.parametrize("size", [1, 2, 7, 40, 300])
 def test_allan_of_the_model_with_momentum_is_its_definition(momentum, size):
     """Two averages of a process that is off by q(k - τ + τ exp(-k/τ)) after k samples, in the mean square."""
     apart = np.abs(np.subtract.outer(np.arange(2.0 * size), np.arange(2.0 * size)))

@@ -11,7 +11,6 @@ from functools import cache
 
 import numpy as np
 import pytest
-from each import each
 from effort import FUZZ
 from verdict_states import SIGNALS, STATES, VerdictState, row_of
 
@@ -42,7 +41,7 @@ def random_states(count, seed=11):
 
 
 ALL = [*STATES, *random_states(30 * FUZZ)]
-every_state = each("state", ALL, ids=[one.name() for one in ALL])
+every_state = pytest.mark.parametrize("state", ALL, ids=[one.name() for one in ALL])
 
 
 def worse(before, after):
@@ -196,8 +195,8 @@ def chosen(name, at):
     return z, found.params, judge(whole, None, found.estimate, request=request)
 
 
-@each("at", range(len(GOALS)), ids=[one.goal for one in GOALS])
-@each("name", MOVING)
+@pytest.mark.parametrize("at", range(len(GOALS)), ids=[one.goal for one in GOALS])
+@pytest.mark.parametrize("name", MOVING)
 def test_a_goal_is_never_called_a_mistake_and_no_advice_undoes_it(name, at):
     _, params, said = chosen(name, at)
     assert said.status not in ("too_slow", "too_fast")
@@ -219,8 +218,8 @@ def test_a_goal_is_never_called_a_mistake_and_no_advice_undoes_it(name, at):
         assert said.headline.startswith(f"You chose {goal}. ")
 
 
-@each("at", range(len(GOALS)), ids=[one.goal for one in GOALS])
-@each("name", MOVING)
+@pytest.mark.parametrize("at", range(len(GOALS)), ids=[one.goal for one in GOALS])
+@pytest.mark.parametrize("name", MOVING)
 def test_the_best_fit_lies_where_the_words_say(name, at):
     """The oracle: the likelihood with the best r over a fine grid of q/r, by the filter itself."""
     z, params, said = chosen(name, at)
@@ -261,14 +260,14 @@ def test_an_r_that_was_given_stays_and_its_advice_says_what_it_relies_on(r, word
     assert not any(isinstance(one.action, actions.Scale) for one in said.findings)
 
 
-@each("request_", GOALS[:-1], ids=[one.goal for one in GOALS[:-1]])
+@pytest.mark.parametrize("request_", GOALS[:-1], ids=[one.goal for one in GOALS[:-1]])
 def test_a_tuning_file_names_the_goal_that_its_verdict_keeps(request_):
     assert request_in(request_.goal, 1.0) == request_
     known = request_in(f"{request_.goal}, r from a still stretch", 4.0)
     assert (known.goal, known.noise) == (request_.goal, Noise(r=4.0))
 
 
-@each("at", range(len(GOALS)), ids=[one.goal for one in GOALS])
+@pytest.mark.parametrize("at", range(len(GOALS)), ids=[one.goal for one in GOALS])
 def test_a_goal_that_another_sample_period_breaks_is_not_claimed(at):
     _, params, _ = chosen("walk", at)
     asked = GOALS[at]
@@ -284,7 +283,7 @@ LAGS = {2e-7: "0.2 µs", 0.05: "50 ms", 2.0: "2000 ms", 30.0: "30 s", 1500.0: "2
 LAGS |= {86400.0: "1 day", 2.5 * 86400.0: "2.5 days", 31557600.0: "1 year"}
 
 
-@each(("seconds", "words"), LAGS.items())
+@pytest.mark.parametrize(("seconds", "words"), LAGS.items())
 def test_a_lag_of_any_length_is_named_in_its_unit_and_read_back(seconds, words):
     how = Request(target={"lag_s": seconds}).goal
     assert how == f"a lag of {words}"
@@ -316,7 +315,7 @@ def assert_says_what_to_do(found, said):
     assert said.headline
 
 
-@each("name", SIGNALS)
+@pytest.mark.parametrize("name", SIGNALS)
 def test_a_first_answer_that_may_look_worse_says_what_to_do(name):
     found, said = first_answer(SIGNALS[name])
     assert_says_what_to_do(found, said)

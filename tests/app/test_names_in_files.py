@@ -11,7 +11,6 @@ import tomllib
 
 import numpy as np
 import pytest
-from each import each
 from hostile_names import NAMES
 
 from kalscope import ChannelTuning, Recording, Tuning, load_tuning, read_recording, save_tuning
@@ -45,7 +44,7 @@ def test_a_tuning_file_gives_the_names_back(tmp_path):
 
 
 @pytest.mark.slow
-@each("name", NAMES)
+@pytest.mark.parametrize("name", NAMES)
 def test_a_filtered_csv_has_its_columns_and_no_formula(tmp_path, name):
     header = csv_header([name, "b", name])
     (cells,) = csv.reader(io.StringIO(header))
@@ -59,7 +58,7 @@ def test_a_filtered_csv_has_its_columns_and_no_formula(tmp_path, name):
     assert read_recording(path).values.shape == (30, 9)
 
 
-@each("name", NAMES)
+@pytest.mark.parametrize("name", NAMES)
 def test_a_recording_of_a_board_has_its_columns_and_no_formula(name):
     columns = (Column(name, name), Column(name))
     header = header_line(Layout(LineFormat(), columns, None, 1, frozenset(), (), ()))

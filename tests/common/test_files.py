@@ -10,7 +10,6 @@ import time
 from pathlib import Path
 
 import pytest
-from each import each
 from effort import FUZZ
 from waiting import PATIENCE
 
@@ -124,13 +123,13 @@ def test_a_file_that_is_busy_is_an_error_without_litter(tmp_path: Path, monkeypa
     assert names(tmp_path) == []
 
 
-@each("typed", ["a.toml", "sub/a.toml", "./sub/../a.toml", "sub/new/a.toml", "~"])
+@pytest.mark.parametrize("typed", ["a.toml", "sub/a.toml", "./sub/../a.toml", "sub/new/a.toml", "~"])
 def test_paths_in_the_folder_are_resolved(tmp_path: Path, typed: str) -> None:
     (tmp_path / "sub").mkdir()
     assert check_inside(typed, tmp_path) == Path(os.path.normpath(tmp_path.resolve() / typed))
 
 
-@each(
+@pytest.mark.parametrize(
     "typed",
     ["..", "../a", "sub/../../a", "/etc/passwd", "../work2", "", "  ", "a\0b", "nul", "a/COM1.csv", "Con .x"],
 )

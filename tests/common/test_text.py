@@ -6,7 +6,6 @@ import math
 import re
 
 import pytest
-from each import each
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -71,7 +70,7 @@ TABLE = [
 ]
 
 
-@each(("write", "value", "written"), TABLE)
+@pytest.mark.parametrize(("write", "value", "written"), TABLE)
 def test_how_a_value_is_written(write, value, written):
     assert write(value) == written
 

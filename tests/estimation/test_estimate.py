@@ -7,7 +7,6 @@ import sys
 
 import numpy as np
 import pytest
-from each import each
 from effort import FUZZ
 from hypothesis import given
 from hypothesis import strategies as st
@@ -105,7 +104,7 @@ def test_any_record_gets_numbers_and_words(record):
 # --- manners --------------------------------------------------------------------------------------------
 
 
-@each("method", METHODS)
+@pytest.mark.parametrize("method", METHODS)
 def test_progress_rises_to_one(method, nile):
     seen = []
     estimate(nile, method, progress=lambda fraction, text: seen.append((fraction, text)))
@@ -120,7 +119,7 @@ def test_importing_the_estimators_leaves_the_heavy_parts_of_scipy_alone():
     assert subprocess.run([sys.executable, "-c", code], check=True, capture_output=True).stdout.strip() == b"set()"
 
 
-@each(
+@pytest.mark.parametrize(
     ("z", "options"),
     [
         ([1.0, np.inf, 2.0], {}),

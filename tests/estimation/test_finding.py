@@ -4,7 +4,6 @@ import math
 
 import numpy as np
 import pytest
-from each import each
 
 from kalscope.errors import BadSetting
 from kalscope.estimation.fit import METHODS
@@ -54,10 +53,10 @@ EDGES = {
 
 
 @pytest.mark.slow
-@each("method", METHODS)
-@each("known", KNOWN)
-@each("ratio", [None, 0.01])
-@each("target", [None, *TARGETS])
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("known", KNOWN)
+@pytest.mark.parametrize("ratio", [None, 0.01])
+@pytest.mark.parametrize("target", [None, *TARGETS])
 def test_a_wish_fixes_the_ratio_the_noise_fixes_r_and_the_rest_is_estimated(target, ratio, known, method):
     noise, r = KNOWN[known]
     asked = {target: WISHED[target]} if target else None
@@ -143,7 +142,7 @@ CONTRADICTIONS = [
 ]
 
 
-@each(("asked", "says"), CONTRADICTIONS)
+@pytest.mark.parametrize(("asked", "says"), CONTRADICTIONS)
 def test_contradictions_and_numbers_out_of_range_are_refused(asked, says):
     with pytest.raises(BadSetting, match=says):
         ask(Z, **asked)
@@ -152,8 +151,8 @@ def test_contradictions_and_numbers_out_of_range_are_refused(asked, says):
 # ---- the edges
 
 
-@each("verdict", EDGES)
-@each("target", TARGETS)
+@pytest.mark.parametrize("verdict", EDGES)
+@pytest.mark.parametrize("target", TARGETS)
 def test_at_an_edge_a_wish_still_gives_its_filter(verdict, target):
     found = ask(EDGES[verdict], sample_period=PERIOD, target={target: WISHED[target]})
     assert found.params.r > 0.0
@@ -179,7 +178,7 @@ def test_a_given_r_that_explains_everything_is_not_called_good():
 # ---- an overshoot beside the target
 
 
-@each("target", TARGETS)
+@pytest.mark.parametrize("target", TARGETS)
 def test_target_and_overshoot_are_both_met(target):
     found = ask(Z, sample_period=PERIOD, target={target: WISHED[target]}, overshoot=0.06)
     steady = steady_state(found.params, PERIOD)

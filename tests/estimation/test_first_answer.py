@@ -8,7 +8,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from each import each
 from scipy.signal import lfilter
 
 from kalscope import FilterParams, denoise, estimate, ratio_for, steady_state
@@ -47,7 +46,7 @@ def rms(errors):
     return math.sqrt(float(np.mean(errors * errors)))
 
 
-@each("name", SIGNALS)
+@pytest.mark.parametrize("name", SIGNALS)
 def test_with_noise_it_is_as_good_as_the_best_fixed_q_r_and_momentum(name):
     """The best is searched with the truth, on a grid that is fine enough for 1 %."""
     against_best = []
@@ -69,7 +68,7 @@ def test_with_noise_it_is_as_good_as_the_best_fixed_q_r_and_momentum(name):
     assert np.median(against_best) <= 1.05
 
 
-@each("name", SIGNALS)
+@pytest.mark.parametrize("name", SIGNALS)
 def test_at_a_given_lag_the_momentum_of_the_best_fit_is_used_where_it_leaves_less_error_than_none(name):
     movement, noise = SIGNALS[name]
     rng = np.random.default_rng([7, list(SIGNALS).index(name)])
@@ -108,7 +107,7 @@ RECORDS = {
 }
 
 
-@each("reason", RECORDS)
+@pytest.mark.parametrize("reason", RECORDS)
 def test_every_record_has_a_filter_and_its_reason(reason):
     z = RECORDS[reason]
     found = find_parameters(z, sample_period=PERIOD)
@@ -119,7 +118,7 @@ def test_every_record_has_a_filter_and_its_reason(reason):
     assert starting_params(z) == found.params
 
 
-@each("z", [[], [math.nan] * 5, [0.0] * 9, [5e-324] * 3, [1e200, -1e200, 1e200]])
+@pytest.mark.parametrize("z", [[], [math.nan] * 5, [0.0] * 9, [5e-324] * 3, [1e200, -1e200, 1e200]])
 def test_so_has_what_is_hardly_a_record(z):
     params = starting_params(z)
     assert min(params.q, params.r) > 0.0
@@ -164,7 +163,7 @@ def test_a_code_for_no_echo_neither_starts_nor_moves_the_filter_and_a_step_is_fo
     assert rms(x - truth) < 0.5 * rms(denoise(z, only) - truth)
 
 
-@each("seed", range(4))
+@pytest.mark.parametrize("seed", range(4))
 def test_no_gate_keeps_out_more_than_a_tenth_of_the_movement(seed):
     """As of a light sensor: bright and dark, and flashes that a spike-proof fit takes for spikes."""
     rng = np.random.default_rng(seed)

@@ -7,7 +7,6 @@ import math
 import numpy as np
 import pytest
 from dense_momentum import van_loan
-from each import each
 from five_lines import assert_same_bits, five_lines
 from hypothesis import given
 from hypothesis import strategies as st
@@ -60,9 +59,9 @@ def test_a_start_variance_far_above_r_is_the_unknown_start():
 # --- laws -----------------------------------------------------------------------------------------------
 
 
-@each("start", [(None, None), (100.0, None), (0.0, 0.0), (1.0, -5.0)])
-@each("missing", [0.0, 0.2])
-@each("irregular", [False, True])
+@pytest.mark.parametrize("start", [(None, None), (100.0, None), (0.0, 0.0), (1.0, -5.0)])
+@pytest.mark.parametrize("missing", [0.0, 0.2])
+@pytest.mark.parametrize("irregular", [False, True])
 def test_filter_equals_the_five_lines_bit_for_bit(start, missing, irregular):
     z = noisy_walk(3000, missing=missing, seed=3)
     if missing:
@@ -102,9 +101,9 @@ def spiky_record(n=600, seed=1):
     return z, rng.choice([0.0, 0.5, 1.0, 1.0, 3.0], n)
 
 
-@each("params", MOVING, ids=repr)
-@each(("unit", "pace"), [(8.0, 1.0), (1.0, 4.0), (0.5, 0.25)])
-@each("function", [kalman_filter, smooth])
+@pytest.mark.parametrize("params", MOVING, ids=repr)
+@pytest.mark.parametrize(("unit", "pace"), [(8.0, 1.0), (1.0, 4.0), (0.5, 0.25)])
+@pytest.mark.parametrize("function", [kalman_filter, smooth])
 def test_another_unit_of_the_signal_or_of_time_is_the_same_filter(params, unit, pace, function):
     """Powers of two, which cost no digit."""
     z, dt = spiky_record()
@@ -177,7 +176,7 @@ def test_no_rows_and_rows_without_readings():
     assert np.isnan(smooth(nothing, FilterParams(1.0, [1.0, 2.0])).x).all()
 
 
-@each("row", [[1.0], [1.0, 2.0, 3.0], [[1.0, 2.0], [1.0, 2.0]], [np.inf, 1.0], [1.0, 1e250]])
+@pytest.mark.parametrize("row", [[1.0], [1.0, 2.0, 3.0], [[1.0, 2.0], [1.0, 2.0]], [np.inf, 1.0], [1.0, 1e250]])
 def test_a_row_that_is_refused_leaves_the_state(row):
     stream = KalmanFilter(FilterParams(1.0, [1.0, 2.0], gain=[1.0, 1e-90]))
     stream.update([3.0, np.nan])
@@ -220,7 +219,7 @@ def test_a_masked_sample_is_missing():
 # --- what is refused ------------------------------------------------------------------------------------
 
 
-@each(
+@pytest.mark.parametrize(
     ("call", "message"),
     [
         (
@@ -249,7 +248,9 @@ def test_what_cannot_be_filtered_is_refused_with_its_reason(call, message):
     assert message in str(refused.value)
 
 
-@each(("q", "r"), [(0, 1), (1, 0), (1e300, 1e-300), (1e-300, 1e300), (1e300, 1e300), (1e-300, 1e-300)])
+@pytest.mark.parametrize(
+    ("q", "r"), [(0, 1), (1, 0), (1e300, 1e-300), (1e-300, 1e300), (1e300, 1e300), (1e-300, 1e-300)]
+)
 def test_extreme_variances_give_finite_answers(q, r):
     z = noisy_walk(500, missing=0.1)
     for start in ((None, None), (0.0, 1.0), (1e300, 1.0)):

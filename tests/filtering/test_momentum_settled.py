@@ -8,7 +8,6 @@ from decimal import Decimal
 
 import numpy as np
 import pytest
-from each import each
 
 from kalscope import FilterParams, kalman_filter, steady_state
 
@@ -35,7 +34,7 @@ def settled_answer(q, r, momentum, n=6000):
     return result.x[start:], result.velocity[start] if momentum else 0.0, result.k[start]
 
 
-@each(("q", "r", "momentum"), PAIRS)
+@pytest.mark.parametrize(("q", "r", "momentum"), PAIRS)
 def test_gains_lag_noise_and_overshoot_are_those_of_the_filter(q, r, momentum):
     answer, velocity, gain = settled_answer(q, r, momentum)
     found = steady_state(FilterParams(q, r, momentum=momentum))
@@ -51,7 +50,7 @@ def test_gains_lag_noise_and_overshoot_are_those_of_the_filter(q, r, momentum):
         assert found.settle_samples == (outside[-1] + 2 if len(outside) else 1)
 
 
-@each(("q", "r", "momentum"), PAIRS)
+@pytest.mark.parametrize(("q", "r", "momentum"), PAIRS)
 def test_at_the_cutoff_half_of_the_power_passes(q, r, momentum):
     answer, *_ = settled_answer(q, r, momentum)
     cutoff = steady_state(FilterParams(q, r, momentum=momentum), sample_period=1.0).cutoff_hz
@@ -64,7 +63,7 @@ def test_at_the_cutoff_half_of_the_power_passes(q, r, momentum):
 
 
 @pytest.mark.slow
-@each("momentum", [1e-12, 1e-6, 1e-3, 0.02, 0.3, 2.0, 50.0, 3e3, 1e5])
+@pytest.mark.parametrize("momentum", [1e-12, 1e-6, 1e-3, 0.02, 0.3, 2.0, 50.0, 3e3, 1e5])
 def test_gains_and_what_follows_are_those_of_the_riccati_equation_in_fifty_digits(momentum):
     for ratio in (1e-12, 1e-5, 0.1, 6.0, 1e3, 1e12):
         gain, velocity_gain, lag, noise = exact(ratio, momentum)
@@ -117,8 +116,8 @@ def inverse(m):
     return np.array([[d, -b], [-c, a]]) / (a * d - b * c)
 
 
-@each(("q", "r"), [(1e-300, 1e300), (1e300, 1e-300), (1.0, 0.0), (0.0, 1.0), (1e-28, 1.0)])
-@each("momentum", [1e-9, 1.0, 1e5])
+@pytest.mark.parametrize(("q", "r"), [(1e-300, 1e300), (1e300, 1e-300), (1.0, 0.0), (0.0, 1.0), (1e-28, 1.0)])
+@pytest.mark.parametrize("momentum", [1e-9, 1.0, 1e5])
 def test_every_answer_is_a_number_at_every_edge(q, r, momentum):
     found = steady_state(FilterParams(q, r, momentum=momentum), 0.01)
     assert 0.0 <= found.gain <= 1.0

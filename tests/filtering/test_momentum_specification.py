@@ -6,7 +6,6 @@ import math
 
 import numpy as np
 import pytest
-from each import each
 
 from kalscope import BadSetting, FilterParams, kalman_filter, params_for_specification, ratio_for, steady_state
 
@@ -22,8 +21,8 @@ TARGETS = [
 
 
 @pytest.mark.slow
-@each("momentum", MOMENTA)
-@each(("target", "value"), TARGETS)
+@pytest.mark.parametrize("momentum", MOMENTA)
+@pytest.mark.parametrize(("target", "value"), TARGETS)
 def test_ratio_for_is_the_inverse_of_steady_state_at_any_momentum(target, value, momentum):
     ratio = ratio_for(**{target: value}, sample_period=T, momentum=momentum)
     found = getattr(steady_state(FilterParams(ratio, 1.0, momentum=momentum), T), target)
@@ -34,8 +33,8 @@ def test_ratio_for_is_the_inverse_of_steady_state_at_any_momentum(target, value,
 
 
 @pytest.mark.slow
-@each("overshoot", [1e-4, 0.02, 0.1, 0.18])
-@each(
+@pytest.mark.parametrize("overshoot", [1e-4, 0.02, 0.1, 0.18])
+@pytest.mark.parametrize(
     ("target", "value"),
     [("lag_samples", 0.4), ("lag_samples", 5.0), ("lag_s", 0.5), ("noise_reduction_db", 12.0), ("cutoff_hz", 1.0)],
 )
@@ -73,7 +72,7 @@ def test_no_filter_within_lag_and_overshoot_leaves_less_noise(lag):
     assert tried > 20
 
 
-@each(
+@pytest.mark.parametrize(
     ("asked", "says"),
     [
         ({"lag_samples": 5.0, "overshoot": 0.3}, r"at most 20\.55 % of a step with this target \(got 30 %\)"),

@@ -7,7 +7,6 @@ import math
 import numpy as np
 import pytest
 from dense_momentum import van_loan
-from each import each
 
 from kalscope import FilterParams, kalman_filter, smooth, steady_state
 
@@ -67,7 +66,7 @@ def settled(params):
 
 
 @pytest.mark.slow
-@each(("q", "r", "momentum"), PAIRS)
+@pytest.mark.parametrize(("q", "r", "momentum"), PAIRS)
 def test_the_likelihood_is_that_of_an_arima(q, r, momentum):
     """Its differences are an ARMA(1, 2), whose moving average has the poles of the settled filter."""
     z = record()

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from dense_fusion import dense_loglik, dense_posterior, states_of
 from dense_momentum import all_states, constant_velocity
-from each import each
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -80,7 +79,7 @@ def test_random_steps_and_gaps_are_the_posterior_of_the_dense_model(seed, sensor
     must_be_posterior(z, params, states_of(params, dt), kalman_filter(z, params, dt), smooth(z, params, dt), 1e-10)
 
 
-@each("q", [0.05, 1.0])
+@pytest.mark.parametrize("q", [0.05, 1.0])
 def test_an_exact_start_that_takes_no_time_leaves_the_velocity_to_later_samples(q):
     """x0 with p0 = 0 and two samples at its moment: x has no variance there, but its velocity has."""
     params, dt = FilterParams(q, 1.0, 0.0, -3.0, momentum=5.0), np.array([0.0, 0.0, *[1.0] * 38])
@@ -89,8 +88,8 @@ def test_an_exact_start_that_takes_no_time_leaves_the_velocity_to_later_samples(
 
 
 @pytest.mark.slow
-@each("seed", range(4))
-@each("acceleration", [1e-4, 0.01, 1.0])
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("acceleration", [1e-4, 0.01, 1.0])
 def test_an_endless_momentum_is_constant_velocity(seed, acceleration):
     """τ → ∞ at a fixed q/τ²: white-noise acceleration, from a variance of the velocity before the start."""
     rng, tau = np.random.default_rng(seed), 1e14
@@ -109,7 +108,7 @@ def test_an_endless_momentum_is_constant_velocity(seed, acceleration):
     must_be_posterior(z, params, moments, filtered, smoothed, 1e-9)
 
 
-@each("acceleration", [1e-8, 1e-4, 0.01, 1.0, 100.0])
+@pytest.mark.parametrize("acceleration", [1e-8, 1e-4, 0.01, 1.0, 100.0])
 def test_the_settled_filter_of_a_long_momentum_is_alpha_beta(acceleration):
     """Gains by the Riccati equation of constant velocity; α and β of the tracking index (Kalata 1984 form)."""
     from scipy.linalg import solve_discrete_are

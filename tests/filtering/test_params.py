@@ -8,14 +8,13 @@ import math
 
 import numpy as np
 import pytest
-from each import each
 
 from kalscope import BadSetting, FilterParams, KalmanFilter, denoise, kalman_filter, smooth, steady_state
 from kalscope.estimation.likelihood import log_likelihood
 from kalscope.estimation.noise import noise_scale
 
 
-@each(
+@pytest.mark.parametrize(
     ("given", "message"),
     [
         ({"q": -1, "r": 1}, "q must be a finite variance from 0 to 1e300 (got -1)"),
@@ -73,7 +72,7 @@ def test_params_are_frozen_values_with_equality():
         a.q = 2
 
 
-@each("momentum", [0.0, -0.0, 5e-324, 1e-300, 9e-13])
+@pytest.mark.parametrize("momentum", [0.0, -0.0, 5e-324, 1e-300, 9e-13])
 def test_a_momentum_too_short_to_change_a_digit_is_none(momentum):
     assert FilterParams(1.0, 1.0, momentum=momentum) == FilterParams(1.0, 1.0)
     assert FilterParams(1.0, 1.0, momentum=2e-12).momentum == 2e-12
@@ -109,7 +108,9 @@ def test_what_wobbles_in_its_last_bit_stands_still():
     assert noise_scale([3.3, math.nextafter(3.3, 4)] * 9) == pytest.approx(0.0033**2)
 
 
-@each("function", [kalman_filter, denoise, smooth, log_likelihood, lambda _, params: KalmanFilter(params)])
+@pytest.mark.parametrize(
+    "function", [kalman_filter, denoise, smooth, log_likelihood, lambda _, params: KalmanFilter(params)]
+)
 def test_the_params_of_an_estimate_without_any_are_refused_in_words(function):
     with pytest.raises(BadSetting, match=r"FilterParams \(got None\): where estimate finds no usable q and r"):
         function(np.ones(3), None)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 
 import pytest
-from each import each
 
 from kalscope import BadSetting, FilterParams, ratio_for, steady_state
 
@@ -13,7 +12,7 @@ RATIOS = [1e-6, 1e-4, 1e-2, 0.1, 1.0, 3.9]
 T = 0.02
 
 
-@each("ratio", RATIOS[1:])
+@pytest.mark.parametrize("ratio", RATIOS[1:])
 def test_settling_is_what_a_step_shows(ratio):
     steady = steady_state(FilterParams(ratio, 1.0), T)
     left = (1 - steady.gain) ** steady.settle_samples
@@ -25,7 +24,7 @@ def test_above_four_there_is_no_cutoff():
     assert math.isnan(steady_state(FilterParams(4.1, 1.0), T).cutoff_hz)
 
 
-@each(("q", "r"), [(1e300, 1e-300), (1e-300, 1e300), (1e300, 1e300), (1e-300, 1e-300)])
+@pytest.mark.parametrize(("q", "r"), [(1e300, 1e-300), (1e-300, 1e300), (1e300, 1e300), (1e-300, 1e-300)])
 def test_extreme_pairs_neither_overflow_nor_turn_into_nan(q, r):
     steady = steady_state(FilterParams(q, r))
     assert 0 < steady.gain <= 1
@@ -46,7 +45,7 @@ def test_no_process_noise_never_settles_and_no_measurement_noise_never_smooths()
     assert (raw.gain, raw.lag_samples, raw.noise_reduction_db, raw.settle_samples) == (1, 0, 0, 0)
 
 
-@each(
+@pytest.mark.parametrize(
     ("given", "message"),
     [
         ({}, "exactly one of"),

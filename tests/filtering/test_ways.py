@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from each import each
 from five_lines import assert_same_bits
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -50,10 +49,10 @@ def assert_same(found, whole, rows=slice(None), atol=0.0):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("sensors", SENSORS)
-@each("momentum", [0.0, 20.0])
-@each("gate", [None, 9.0])
-@each("missing", [0.0, 0.05])
-@each("timed", [False, True])
+@pytest.mark.parametrize("momentum", [0.0, 20.0])
+@pytest.mark.parametrize("gate", [None, 9.0])
+@pytest.mark.parametrize("missing", [0.0, 0.05])
+@pytest.mark.parametrize("timed", [False, True])
 def test_streaming_equals_batch_equals_growing_equals_chosen(sensors, momentum, gate, missing, timed):
     for q, start in zip((0.01, 0.3, 0.0, 1e-4), STARTS, strict=True):
         params = FilterParams(q, **SENSORS[sensors], **start, momentum=momentum, gate=gate)
@@ -94,7 +93,7 @@ def test_streaming_equals_batch_equals_growing_equals_chosen(sensors, momentum, 
         np.testing.assert_allclose(denoise(z, params, dt), whole.x, rtol=0, atol=1e-11 * np.nanmax(np.abs(z)))
 
 
-@each("momentum", [0.0, 12.0])
+@pytest.mark.parametrize("momentum", [0.0, 12.0])
 def test_channels_of_a_table_are_filtered_one_by_one(momentum):
     params = FilterParams(0.1, 1.0, p0=2.0, x0=1.0, gate=9.0, momentum=momentum)
     z = np.column_stack([record(params, 0.05, 800), record(params, 0.3, 800)])
@@ -115,9 +114,9 @@ def test_channels_of_a_table_are_filtered_one_by_one(momentum):
 
 
 @pytest.mark.slow
-@each("ratio", [1e-8, 1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 0.1, 1.0, 10.0, 1e4])
-@each("momentum", [0.0, 0.3, 5.0, 200.0, 1e5])
-@each("missing", [0.0, 0.01])
+@pytest.mark.parametrize("ratio", [1e-8, 1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 0.1, 1.0, 10.0, 1e4])
+@pytest.mark.parametrize("momentum", [0.0, 0.3, 5.0, 200.0, 1e5])
+@pytest.mark.parametrize("missing", [0.0, 0.01])
 def test_denoise_is_within_1e_12_of_the_filter(ratio, momentum, missing):
     rng = np.random.default_rng(5)
     z = 100.0 + np.cumsum(rng.normal(0, np.sqrt(ratio), 30_000)) + rng.normal(size=30_000)
@@ -172,7 +171,7 @@ def test_one_sample_alone_has_no_likelihood():
     assert filter_at(np.ones(1), PLAIN, np.zeros(1, np.intp)).loglik == 0.0
 
 
-@each("indices", [[-1, 3], [3, N]])
+@pytest.mark.parametrize("indices", [[-1, 3], [3, N]])
 def test_rows_outside_are_refused(indices):
     params = FilterParams(0.01, 1.0)
     with pytest.raises(BadSetting, match="indices must be of z"):
@@ -199,8 +198,8 @@ def assert_chosen(z, params):
     assert (found.m, found.loglik) == (whole.m, pytest.approx(whole.loglik, rel=1e-7))
 
 
-@each("q", [1e4, 0.01, 1e-5, 1e-7, 1e-12, 0])
-@each("offset", [0.0, -1e9])
+@pytest.mark.parametrize("q", [1e4, 0.01, 1e-5, 1e-7, 1e-12, 0])
+@pytest.mark.parametrize("offset", [0.0, -1e9])
 def test_chosen_rows_of_a_long_record_are_those_of_the_whole(q, offset):
     assert_chosen(RECORD + offset, FilterParams(q, 0.25))
 
@@ -214,7 +213,7 @@ def test_chosen_rows_whatever_is_missing(missing, q):
     assert_chosen(z, FilterParams(q, 0.25))
 
 
-@each("at", [PIECE + 5, 3 * PIECE])
+@pytest.mark.parametrize("at", [PIECE + 5, 3 * PIECE])
 def test_an_infinite_sample_is_named_by_its_place_in_the_record(at):
     z = RECORD.copy()
     z[at] = -np.inf

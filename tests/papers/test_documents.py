@@ -6,7 +6,6 @@ import math
 
 import numpy as np
 import pytest
-from each import each
 
 from kalscope.errors import BadSetting
 from kalscope.filtering.filter import denoise
@@ -20,7 +19,7 @@ from kalscope.papers.reproduction import list_experiments, open_experiment
 pytestmark = pytest.mark.slow
 
 
-@each("ratio", [10.0, 1.0, 0.1, 0.01, 0.001])
+@pytest.mark.parametrize("ratio", [10.0, 1.0, 0.1, 0.01, 0.001])
 def test_the_mean_error_formula_holds_on_a_long_record(ratio):
     """c σ (1 − K) √(2/(2 − K)) within 1.5 % on 200,000 samples."""
     z = noise_reducer.white_noise(1, samples=200_000, seed=8)[:, 0]

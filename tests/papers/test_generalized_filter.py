@@ -6,7 +6,6 @@ import math
 
 import numpy as np
 import pytest
-from each import each
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -67,7 +66,7 @@ def test_the_fixed_point_solves_its_quadratic(level, sigma_m):
     assert s * s + sigma_m * s == pytest.approx(sigma_m * level, rel=1e-9)
 
 
-@each(("level", "sigma_m"), [(1.0, 4.0), (20.0, 0.8), (1000.0, 4.0), (3.0, 500.0)])
+@pytest.mark.parametrize(("level", "sigma_m"), [(1.0, 4.0), (20.0, 0.8), (1000.0, 4.0), (3.0, 500.0)])
 def test_a_constant_signal_settles_at_the_fixed_point_from_any_start(level, sigma_m):
     gain = printed_gain(level, sigma_m)
     for start in (0.01 * level, level, 50.0 * level):
@@ -86,7 +85,7 @@ def test_the_gain_depends_on_the_level_but_not_on_a_common_factor():
     assert moved.k[-1] > one.k[-1] + 0.02
 
 
-@each(
+@pytest.mark.parametrize(
     ("z", "params"),
     [
         ([0.0, 1.0], GeneralizedParams(4.0)),
@@ -129,7 +128,7 @@ def test_a_missing_sample_changes_nothing():
     assert np.isnan(result.innovation[~kept]).all()
 
 
-@each(
+@pytest.mark.parametrize(
     ("settings", "says"),
     [
         ({"sigma_m": 0.0}, "sigma_m must be"),

@@ -11,7 +11,6 @@ import re
 from pathlib import Path
 
 import pytest
-from each import each
 from effort import FUZZ
 from forked import fork_server
 from hostile_case import MIB, examine, examine_all, in_child
@@ -41,7 +40,7 @@ BATCHES = [
 ]
 
 
-@each("cases", BATCHES, ids=lambda cases: f"{cases[0].name} …")
+@pytest.mark.parametrize("cases", BATCHES, ids=lambda cases: f"{cases[0].name} …")
 def test_hostile_files_are_read_or_refused_in_bounded_memory(tmp_path, monkeypatch, cases):
     """What the files of a process add to its peak stays together below every bound of theirs."""
     files = []

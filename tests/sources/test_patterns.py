@@ -11,7 +11,6 @@ import re
 from pathlib import Path
 
 import pytest
-from each import each
 from regex_cost import ANCHORED, worst_growth
 
 import kalscope
@@ -106,7 +105,7 @@ def test_no_pattern_is_made_where_the_others_are_not_found():
     assert made == []
 
 
-@each(
+@pytest.mark.parametrize(
     ("pattern", "use", "is_slow"),
     [
         (r"\s*(?:#|%|//)\s*unit\s+(.+?)\s*:\s*(.+?)\s*", "fullmatch", True),

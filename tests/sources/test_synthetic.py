@@ -3,7 +3,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from each import each
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -70,7 +69,7 @@ BAD = [
 ]
 
 
-@each("settings", BAD, ids=str)
+@pytest.mark.parametrize("settings", BAD, ids=str)
 def test_a_bad_setting_is_refused_and_named(settings):
     with pytest.raises(BadSetting, match=r"must be|must rise") as caught:
         synthesize("sine", **settings)
@@ -94,7 +93,7 @@ def test_several_sensors_of_one_signal_share_its_truth():
     assert abs(np.corrcoef(noise.T)[np.triu_indices(3, 1)]).max() < 4 / math.sqrt(len(noise))
 
 
-@each(
+@pytest.mark.parametrize(
     ("wrong", "must"),
     [
         ({"sigmas": ()}, "sigmas must be 1 to 16 numbers, one per sensor"),

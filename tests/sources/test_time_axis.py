@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from each import each
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from simulated_device import DEVICES, Device
@@ -23,7 +22,7 @@ from kalscope.sources.reading.axis import (
 )
 
 
-@each(
+@pytest.mark.parametrize(
     ("form", "stamps", "seconds", "said"),
     [
         ("h:m:s", "23:59:59 00:00:00 00:00:01", [0, 1, 2], "once, like a clock at midnight"),
@@ -81,7 +80,7 @@ UNITS = {
 }
 
 
-@each("unit", UNITS)
+@pytest.mark.parametrize("unit", UNITS)
 def test_the_unit_follows_from_the_size_of_stamp_and_step(unit):
     assert [unit_by_magnitude(np.array(stamps, dtype=float)) for stamps in UNITS[unit]] == [unit] * len(UNITS[unit])
 
@@ -105,8 +104,8 @@ RNG = np.random.default_rng(3)
 
 
 @pytest.mark.slow
-@each("seed", range(3))
-@each("name", DEVICES)
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("name", DEVICES)
 def test_the_rate_and_the_pauses_of_a_device_are_found(name, seed):
     device, stamps = DEVICES[name]
     true, time, missing = device.run(6000, seed)
@@ -121,8 +120,8 @@ def test_the_rate_and_the_pauses_of_a_device_are_found(name, seed):
         assert len(found.pauses) == len(missing)
 
 
-@each("place", [5, 135, 398])
-@each("error", [-1e8, 1e8])
+@pytest.mark.parametrize("place", [5, 135, 398])
+@pytest.mark.parametrize("error", [-1e8, 1e8])
 def test_a_damaged_stamp_does_not_change_the_rate(place, error):
     time = np.cumsum(0.001 * RNG.uniform(0.5, 1.5, 400))
     time[place] += error
@@ -138,7 +137,7 @@ LOSSY = {
 }
 
 
-@each("name", LOSSY)
+@pytest.mark.parametrize("name", LOSSY)
 def test_lost_samples_are_gaps_and_do_not_change_the_rate(name):
     device = LOSSY[name]
     _, time, missing = device.run(6000)
@@ -215,7 +214,7 @@ def test_shifted_and_stretched_stamps_have_the_shifted_and_stretched_rate(name, 
 CROWDED = [name for name, (_, stamps) in DEVICES.items() if stamps not in ("even", "uneven")]
 
 
-@each("name", CROWDED)
+@pytest.mark.parametrize("name", CROWDED)
 def test_placed_samples_rise_and_stay_near_their_stamps(name):
     _, time, _ = DEVICES[name][0].run(6000)
     rate = find_rate(time)
@@ -251,7 +250,7 @@ def test_samples_that_were_written_twice_are_counted_and_named():
     assert any("3 samples repeat an earlier stamp, first at sample 3" in note for note in axis.notes)
 
 
-@each("step", [1e-320, 1e-120, 1e60, 1e120])
+@pytest.mark.parametrize("step", [1e-320, 1e-120, 1e60, 1e120])
 def test_stamps_too_fine_or_too_coarse_for_a_rate_are_no_time(step):
     stamps, column = step * np.arange(60.0), TimeColumn(0, "number", "s")
     axis = read_time(stamps, column)
@@ -284,7 +283,7 @@ UNSTEADY = np.cumsum(np.random.default_rng(1).pareto(1.1, 400) * 10 + 2)
 """Stamps in ms without a scale at which they come steadily: median step 10 ms, mean step 90 ms."""
 
 
-@each(
+@pytest.mark.parametrize(
     ("stamps", "given", "source", "rate", "said"),
     [
         (WHOLE_SECONDS, GivenPeriod(file=1 / 66.5), "file", 66.5, "the one that the file gives, 66.5 Hz"),

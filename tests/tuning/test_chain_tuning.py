@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from each import each
 
 from kalscope import BadFile, BadSetting, ChannelTuning, Tuning, load_tuning, save_tuning
 from kalscope.classic import Butterworth, Chain, Exponential, Median, MovingAverage, OneEuro
@@ -55,7 +54,7 @@ def test_a_chain_is_a_table_that_a_hand_can_write():
     ) in text.replace("1e-07", "1e-7")
 
 
-@each(
+@pytest.mark.parametrize(
     ("table", "says"),
     [
         ("moving-average; window = 1000000000", "window must be a whole number from 1 to 100000 (got 1000000000"),

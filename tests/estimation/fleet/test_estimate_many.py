@@ -6,7 +6,6 @@ from functools import partial
 
 import numpy as np
 import pytest
-from each import each
 
 from kalscope import BadSetting, estimate
 from kalscope.errors import Cancelled
@@ -174,7 +173,7 @@ def test_no_series_is_an_empty_table():
     assert len(estimate_many(np.empty((0, 10)))) == 0
 
 
-@each(
+@pytest.mark.parametrize(
     ("series", "options"),
     [
         (np.zeros(5), {}),

@@ -6,7 +6,6 @@ import math
 
 import numpy as np
 import pytest
-from each import each
 from fleets import fleet
 
 from kalscope import BadSetting, estimate
@@ -44,7 +43,7 @@ def test_between_the_points_of_the_grid_the_pool_is_the_summed_likelihood():
     np.testing.assert_allclose(pool.loglik(places), summed(series, places), rtol=3e-8)
 
 
-@each("seed", range(6))
+@pytest.mark.parametrize("seed", range(6))
 def test_the_ratio_is_that_of_a_direct_search_to_a_millionth(seed):
     series = fleet(30, 100 + 60 * seed, 10.0 ** (2 - seed), seed=seed)
     found = fit_pool(pool_of(series))

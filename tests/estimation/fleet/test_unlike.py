@@ -6,7 +6,6 @@ import math
 
 import numpy as np
 import pytest
-from each import each
 from fleets import fleet
 
 from kalscope import BadSetting
@@ -60,7 +59,7 @@ def test_equal_missing_few_and_mostly_zero_values_are_no_alarm():
     assert outliers([]).devices.size == 0
 
 
-@each(
+@pytest.mark.parametrize(
     "options",
     [
         {"values": [[1.0]]},

@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from each import each
 from signals import moving
 
 from kalscope import estimate, estimate_fusion, fuse
@@ -48,7 +47,7 @@ def test_rounding_is_the_least_noise():
     assert said(found, "variance of rounding") == (found.r[0] < 0.25 / 12.0 * 1.001)
 
 
-@each(
+@pytest.mark.parametrize(
     ("z", "verdict", "words"),
     [
         (noise(1.0, 1.0, n=7), "too_few", "at least 8 are needed"),

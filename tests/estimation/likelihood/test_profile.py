@@ -7,7 +7,6 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from each import each
 from hypothesis import given
 from hypothesis import strategies as st
 from signals import walk
@@ -40,7 +39,7 @@ def test_nile_at_the_published_pair(nile):
     assert log_likelihood(nile, FilterParams(1469.163, 15098.65)) == pytest.approx(-632.5456, abs=5e-5)
 
 
-@each(
+@pytest.mark.parametrize(
     ("log_ratio", "printed"),
     [(0.0, -495.68), (-3.32, -492.53), (-2.60, -492.10), (-2.32, -492.07), (-2.33, -492.07)],
 )
@@ -134,8 +133,8 @@ def test_profile_and_log_likelihood_equal_the_dense_oracle(record, log_ratio):
     assert log_likelihood(z, FilterParams(q, r), dt) == pytest.approx(expected, rel=rounding, abs=1e-9)
 
 
-@each("missing", [0.0, 0.001, 0.2])
-@each("n", [2, 9, 500, 20_000])
+@pytest.mark.parametrize("missing", [0.0, 0.001, 0.2])
+@pytest.mark.parametrize("n", [2, 9, 500, 20_000])
 def test_every_lane_of_a_profile_equals_the_filter_run_alone(n, missing):
     """From lags far beyond the record to no filtering; settled, unsettled and regained lanes."""
     z = walk(n, 0.01, missing=missing) + 1e3
@@ -168,7 +167,7 @@ def test_log_likelihood_is_the_one_that_the_filter_reports():
     assert isinstance(log_likelihood(z[:, 0], FilterParams(1, 1)), float)
 
 
-@each(
+@pytest.mark.parametrize(
     ("z", "log_ratios"),
     [
         (np.ones((4, 2)), None),

@@ -7,7 +7,6 @@ import math
 
 import numpy as np
 import pytest
-from each import each
 from effort import FUZZ
 from signals import walk
 
@@ -175,7 +174,7 @@ def test_a_signal_that_does_not_move_is_told_so_in_about_65_of_100_records():
 # --- edges in words --------------------------------------------------------------------------------------
 
 
-@each(
+@pytest.mark.parametrize(
     ("z", "verdict"),
     [
         ([], "too_few"),

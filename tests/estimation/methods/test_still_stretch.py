@@ -6,7 +6,6 @@ import math
 
 import numpy as np
 import pytest
-from each import each
 from signals import walk
 
 from kalscope import BadSetting
@@ -91,7 +90,7 @@ def test_a_random_walk_has_none(ratio):
     assert sum(one is not None for one in found) <= 1
 
 
-@each(
+@pytest.mark.parametrize(
     "z",
     [
         np.sin(np.arange(2000) / 20),

@@ -6,7 +6,6 @@ import math
 
 import numpy as np
 import pytest
-from each import each
 from signals import moving, walk
 
 from kalscope import BadSetting, FilterParams, estimate, kalman_filter
@@ -128,7 +127,7 @@ def test_the_promised_gain_is_kept_on_samples_to_come():
     assert 1.0 - after / before == pytest.approx(found.prediction_gain, abs=0.02)
 
 
-@each(
+@pytest.mark.parametrize(
     ("z", "verdict", "word"),
     [
         (np.sin(np.arange(400) / 20.0), "no_noise", "also with momentum"),
@@ -153,9 +152,11 @@ def test_a_momentum_longer_than_the_record_is_not_claimed():
 
 
 @pytest.mark.slow
-@each("z", [np.arange(300.0) ** 2, np.exp(np.arange(300.0) / 10.0), (-1.0) ** np.arange(300)])
-@each("dt", [None, np.zeros(300), np.arange(300.0) % 2, np.where(np.arange(300) == 50, 1e200, 1.0)])
-@each("momentum", ["auto", 0.001, 1e5])
+@pytest.mark.parametrize("z", [np.arange(300.0) ** 2, np.exp(np.arange(300.0) / 10.0), (-1.0) ** np.arange(300)])
+@pytest.mark.parametrize(
+    "dt", [None, np.zeros(300), np.arange(300.0) % 2, np.where(np.arange(300) == 50, 1e200, 1.0)]
+)
+@pytest.mark.parametrize("momentum", ["auto", 0.001, 1e5])
 def test_odd_records_get_an_answer_without_nan(z, dt, momentum):
     found = estimate(z, dt=dt, momentum=momentum)
     numbers = [found.q, found.r, found.q_se, found.r_se, found.loglik, found.momentum, found.prediction_gain]
@@ -167,14 +168,14 @@ def test_odd_records_get_an_answer_without_nan(z, dt, momentum):
 # --- refusals, progress ------------------------------------------------------------------------------------
 
 
-@each("method", ["moments", "allan"])
+@pytest.mark.parametrize("method", ["moments", "allan"])
 def test_other_methods_know_no_momentum(record, method):
     with pytest.raises(BadSetting, match="which has none"):
         estimate(record, method, momentum=5.0)
     assert estimate(record, method) == estimate(record, method, momentum=0)
 
 
-@each("momentum", [-1.0, 1e6, math.nan, "some", None])
+@pytest.mark.parametrize("momentum", [-1.0, 1e6, math.nan, "some", None])
 def test_a_momentum_out_of_range_is_refused(record, momentum):
     with pytest.raises(BadSetting, match="momentum must be"):
         estimate(record, momentum=momentum)

@@ -6,7 +6,6 @@ import math
 
 import numpy as np
 import pytest
-from each import each
 from signals import moving
 
 from kalscope import FilterParams
@@ -18,8 +17,8 @@ def uneven(n, seed=1):
     return np.random.default_rng(seed).choice([0.5, 1.0, 7.0], n)
 
 
-@each("momentum", [0.01, 3.0, 200.0, 1e5])
-@each(("missing", "dt"), [(0.0, None), (0.1, None), (0.1, uneven(700))])
+@pytest.mark.parametrize("momentum", [0.01, 3.0, 200.0, 1e5])
+@pytest.mark.parametrize(("missing", "dt"), [(0.0, None), (0.1, None), (0.1, uneven(700))])
 def test_every_point_of_a_profile_equals_the_filter_run_alone(momentum, missing, dt):
     z = moving(700, 20.0, 0.3, missing=missing)
     profile = likelihood_profile(z, dt=dt, momentum=momentum)

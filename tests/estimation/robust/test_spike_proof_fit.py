@@ -6,7 +6,6 @@ from dataclasses import fields
 
 import numpy as np
 import pytest
-from each import each
 
 from kalscope import BadSetting, estimate, kalman_filter
 from kalscope.estimation.fit import estimate_fixed_r, estimate_fixed_ratio
@@ -55,7 +54,7 @@ def test_it_is_the_fit_of_the_record_without_the_spikes(size, beside):
     assert found.outlier_share == where.mean()
 
 
-@each("seed", range(6))
+@pytest.mark.parametrize("seed", range(6))
 def test_without_spikes_it_is_the_plain_fit_bit_for_bit(seed):
     _, z = walk(seed, 600)
     found, plain = estimate(z), estimate(z, robust=False)
@@ -83,7 +82,7 @@ def test_spikes_without_noise_are_left_to_the_gate():
     assert errors[0] < 0.5 * errors[1]
 
 
-@each("seed", range(4))
+@pytest.mark.parametrize("seed", range(4))
 def test_steps_stay(seed):
     g = np.random.default_rng(seed)
     _, z = walk(seed)
@@ -100,7 +99,7 @@ def test_a_lone_pulse_is_a_movement(length):
 
 
 @pytest.mark.slow
-@each("ends", [[0], [0, 1], [N - 1], [N - 2, N - 1], [0, N - 1]])
+@pytest.mark.parametrize("ends", [[0], [0, 1], [N - 1], [N - 2, N - 1], [0, N - 1]])
 def test_the_ends_are_judged_by_their_only_side(ends):
     _, z = walk()
     z[ends] += 40.0
@@ -176,7 +175,7 @@ def test_one_step_of_a_coarse_converter_is_no_spike():
 
 
 @pytest.mark.slow
-@each(
+@pytest.mark.parametrize(
     "z",
     [
         np.empty(0),
@@ -192,7 +191,7 @@ def test_one_step_of_a_coarse_converter_is_no_spike():
     ],
     ids=["none", "one", "missing", "ramp", "alternating", "glitch", "huge", "tiny", "cauchy", "jumps"],
 )
-@each("robust", ["auto", True])
+@pytest.mark.parametrize("robust", ["auto", True])
 def test_odd_records_get_a_verdict_in_words(z, robust):
     with np.errstate(over="raise", invalid="raise", divide="raise"):
         found = estimate(z, robust=robust)

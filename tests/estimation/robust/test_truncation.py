@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from each import each
 
 from kalscope.estimation.spikes import kept_variance
 
 
-@each("sigmas", [1.5, 2.5])
-@each("gain", [0.0, 0.1, 0.7])
+@pytest.mark.parametrize("sigmas", [1.5, 2.5])
+@pytest.mark.parametrize("gain", [0.0, 0.1, 0.7])
 def test_the_share_is_that_of_drawn_samples(gain, sigmas):
     g = np.random.default_rng(0)
     noise = np.sqrt(1.0 - gain) * g.normal(size=400_000)

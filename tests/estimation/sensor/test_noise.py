@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from each import each
 
 from kalscope import BadSetting
 from kalscope.estimation.noise import noise_from_datasheet, noise_from_still
@@ -41,7 +40,7 @@ def test_a_given_quantum_speaks_for_readings_that_never_change():
     assert noise_from_still([5.0] * 20, quantum=0.5).r == pytest.approx(0.25 / 12)
 
 
-@each(
+@pytest.mark.parametrize(
     ("z", "quantum"),
     [([5.0] * 20, None), ([1.0, 2.0, 3.0], None), (np.ones((9, 2)), None), ([np.inf] * 9, None), ([1.0] * 9, -1.0)],
 )
@@ -70,7 +69,7 @@ def test_noise_from_a_data_sheet():
     assert noise_from_datasheet(density=400e-6, bandwidth_hz=50.0) == pytest.approx(400e-6**2 * 50)
 
 
-@each(
+@pytest.mark.parametrize(
     "values",
     [{}, {"sigma": 1.0, "density": 1.0}, {"density": 1.0}, {"sigma": 0.0}, {"density": 1.0, "bandwidth_hz": -1.0}],
 )

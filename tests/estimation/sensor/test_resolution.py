@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from each import each
 
 from kalscope import estimate, kalman_filter, steady_state
 from kalscope.common.text import percent
@@ -29,7 +28,7 @@ def walk(n, movement, sigma, seed=0):
 # --- the step -------------------------------------------------------------------------------------------
 
 
-@each(
+@pytest.mark.parametrize(
     ("readings", "step"),
     [
         (np.rint(WALK * 3), 1.0),
@@ -55,7 +54,9 @@ def test_the_step_of_the_sensor_is_found(readings, step):
     assert resolution_of(-3e7 * readings) == pytest.approx(3e7 * step, rel=2e-3)
 
 
-@each("readings", [WALK, np.sin(np.arange(900) / 7), np.exp(np.round(WALK, 1)), np.ones(9), np.empty(0)])
+@pytest.mark.parametrize(
+    "readings", [WALK, np.sin(np.arange(900) / 7), np.exp(np.round(WALK, 1)), np.ones(9), np.empty(0)]
+)
 def test_readings_without_steps_show_none(readings):
     assert resolution_of(readings) == 0.0
 
@@ -78,7 +79,7 @@ def test_a_filter_below_the_resolution_is_better_than_none(movement, sigma):
         assert np.mean((kalman_filter(z, found.params).x - truth) ** 2) < np.mean((z - truth) ** 2)
 
 
-@each("momentum", ["auto", 0.0, 1e-3, 20.0])
+@pytest.mark.parametrize("momentum", ["auto", 0.0, 1e-3, 20.0])
 def test_the_intervals_hold_the_filter_with_the_noise_of_rounding(momentum):
     """They were those of the smaller r, whose filters all lag less."""
     truth = 2 * np.sin(np.arange(3000) * np.pi / 50)

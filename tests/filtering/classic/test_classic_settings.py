@@ -7,7 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from each import each
 from scipy.signal import freqz
 
 from kalscope import BadSetting, FilterParams, ratio_for, steady_state
@@ -26,7 +25,7 @@ def noise(n=20_000):
     return np.random.default_rng(5).normal(size=n)
 
 
-@each(
+@pytest.mark.parametrize(
     ("make", "says"),
     [
         (lambda: MovingAverage(0), "window must be a whole number from 1 to 100000 (got 0)"),

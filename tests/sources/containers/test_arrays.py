@@ -5,7 +5,6 @@ import zipfile
 import numpy as np
 import pytest
 import scipy.io
-from each import each
 from required import needs
 
 from kalscope.errors import BadFile, NoMemory
@@ -63,7 +62,7 @@ def test_vectors_of_matlab_with_their_time(mat):
     assert recording.sample_period == pytest.approx(0.02)
 
 
-@each(
+@pytest.mark.parametrize(
     "variables",
     [
         {"fs": 50.0},
@@ -91,7 +90,7 @@ def test_fields_of_a_matlab_struct_and_a_matrix_are_channels(mat):
     assert mat(log={"fs": 50.0, "imu": {"x": X}}).sample_period == pytest.approx(0.02)
 
 
-@each("variables", [{"a": "text"}, {"a": 5.0}, {"a": np.zeros((0, 3))}, {"a": np.eye(3) * 1j}])
+@pytest.mark.parametrize("variables", [{"a": "text"}, {"a": 5.0}, {"a": np.zeros((0, 3))}, {"a": np.eye(3) * 1j}])
 def test_matlab_without_samples_is_refused(mat, variables):
     with pytest.raises(BadFile, match="must hold"):
         mat(**variables)
@@ -112,8 +111,8 @@ def test_matlab_version_73_is_hdf5(tmp_path):
     np.testing.assert_array_equal(recording.values[:, 0], X)
 
 
-@each("place", ["", "run", "run/imu"])
-@each("name", ["fs", "Sample Rate (Hz)", "samplingFreq"])
+@pytest.mark.parametrize("place", ["", "run", "run/imu"])
+@pytest.mark.parametrize("name", ["fs", "Sample Rate (Hz)", "samplingFreq"])
 def test_datasets_of_a_group_with_units_and_the_innermost_rate_around_it(hdf5, place, name):
     def fill(file):
         file["run/imu/ax"] = X
@@ -180,7 +179,7 @@ TABLE["time"], TABLE["x"] = T, X
 STAMPS = np.datetime64("2024-05-01T12:00:00", "us") + (T * 1e6).astype("timedelta64[us]")
 
 
-@each(
+@pytest.mark.parametrize(
     ("write", "names", "period"),
     [
         (lambda path: np.save(path, X), ("value 1",), None),
@@ -218,7 +217,7 @@ def test_the_signals_of_one_rate_of_an_edf_file(tmp_path):
         read_recording(write_edf(tmp_path / "log.edf", "EDF+D"))
 
 
-@each("kind", ["<f8", "|O"])
+@pytest.mark.parametrize("kind", ["<f8", "|O"])
 def test_numpy_files_that_lie_or_hold_objects_are_refused(tmp_path, kind):
     head = f"{{'descr': '{kind}', 'fortran_order': False, 'shape': (1000000000000,), }}".ljust(117).encode() + b"\n"
     data = b"\x93NUMPY\x01\x00" + len(head).to_bytes(2, "little") + head + bytes(80)

@@ -4,7 +4,6 @@ import json
 
 import numpy as np
 import pytest
-from each import each
 
 from kalscope.common import files
 from kalscope.errors import BadFile, BadSetting, NoMemory
@@ -53,7 +52,9 @@ def test_the_longest_list_is_read_and_another_by_name(read):
         read(document, "d")
 
 
-@each("text", ["[" * 100_000, '[{"a": 1}, {"a"', "{}", '{"a": 5}', "[]", '[{"a": "b"}]', "[1, 2", '{"'])
+@pytest.mark.parametrize(
+    "text", ["[" * 100_000, '[{"a": 1}, {"a"', "{}", '{"a": 5}', "[]", '[{"a": "b"}]', "[1, 2", '{"']
+)
 def test_a_document_without_samples_is_refused(read, text):
     with pytest.raises(BadFile):
         read(text)

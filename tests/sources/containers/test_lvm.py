@@ -4,7 +4,6 @@ import math
 
 import numpy as np
 import pytest
-from each import each
 
 from kalscope.errors import BadSetting
 from kalscope.sources.grammar.read_options import ReadOptions
@@ -63,8 +62,8 @@ def read(tmp_path):
 ROWS = np.round(np.random.default_rng(1).normal(size=(20, 2)), 6)
 
 
-@each("x", ["No", "One", "Multi"])
-@each(("sep", "decimal"), [("\t", "."), ("\t", ","), (",", ".")])
+@pytest.mark.parametrize("x", ["No", "One", "Multi"])
+@pytest.mark.parametrize(("sep", "decimal"), [("\t", "."), ("\t", ","), (",", ".")])
 def test_every_form_reads_as_lvm_read_reads_it(read, x, sep, decimal):
     form = {"sep": sep, "decimal": decimal}
     text = file_header(x_columns=x, **form) + segment(["a", "b"], ROWS, x=x, units=["V", "g"], **form)
@@ -127,7 +126,7 @@ def test_segments_without_a_clock_of_their_own_follow_each_other(read, x):
     assert any("2024-02-29T23:59:59.5" in note for note in recording.report.notes)
 
 
-@each("x", ["One", "No"])
+@pytest.mark.parametrize("x", ["One", "No"])
 def test_a_short_row_is_rejected_and_leaves_its_place(read, x):
     text = file_header(x_columns=x) + segment(["a", "b"], ROWS[:6], x=x)
     recording = read(text.replace(f"{ROWS[2, 0]:.6f}\t{ROWS[2, 1]:.6f}", f"{ROWS[2, 0]:.6f}"))

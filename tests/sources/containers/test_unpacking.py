@@ -9,7 +9,6 @@ import zipfile
 
 import numpy as np
 import pytest
-from each import each
 from required import needs
 
 needs("duckdb", "h5py", "mcap", "nptdms", "openpyxl", "python_calamine", "rosbags", "scipy", "zstandard")
@@ -66,7 +65,7 @@ WRITERS = {
 }
 
 
-@each(("name", "write"), WRITERS.items(), ids=list(WRITERS))
+@pytest.mark.parametrize(("name", "write"), WRITERS.items(), ids=list(WRITERS))
 def test_what_unpacks_to_too_much_is_refused_unless_it_is_allowed(tmp_path, name, write):
     path = tmp_path / name
     write(path)
@@ -82,7 +81,7 @@ def test_what_unpacks_to_too_much_is_refused_unless_it_is_allowed(tmp_path, name
         assert len(read_recording(path)) > 10
 
 
-@each("name", ["log.h5", "log.mat", "log.parquet"])
+@pytest.mark.parametrize("name", ["log.h5", "log.mat", "log.parquet"])
 def test_a_container_that_will_not_fit_into_memory_is_refused_before_it_is_read(tmp_path, name):
     path = tmp_path / name
     WRITERS[name](path)

@@ -4,7 +4,6 @@ import zipfile
 
 import numpy as np
 import pytest
-from each import each
 
 from kalscope.errors import BadFile, BadSetting
 from kalscope.sources.grammar.read_options import ReadOptions
@@ -58,7 +57,7 @@ def test_the_table_with_most_numbers_is_read_and_the_others_are_named(archive, t
 
 
 @pytest.mark.slow
-@each("encoding", ["utf-8", "utf-8-sig", "latin-1", "utf-16"])
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "latin-1", "utf-16"])
 def test_a_single_table_needs_no_choice_in_any_encoding(archive, tmp_path, encoding):
     text = "t,temp (°C)\r\n" + "".join(f"{i},{20 + i % 3}.5\r\n" for i in range(50))
     recording = read_recording(archive(**{"._log.csv": "1,2\n" * 900, "log.csv": text.encode(encoding)}))

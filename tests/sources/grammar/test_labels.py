@@ -1,13 +1,12 @@
 """Lines that name their values: labels, equalities, JSON."""
 
 import pytest
-from each import each
 
 from kalscope.sources.grammar.line_format import MAX_VALUES, find_labels
 from kalscope.sources.reading.line_parser import LineParser
 
 
-@each(
+@pytest.mark.parametrize(
     ("line", "pairs"),
     [
         ("t=123 ax=0.1 ay=-2.0", {"t": "123", "ax": "0.1", "ay": "-2.0"}),
@@ -44,7 +43,7 @@ def test_the_pairs_of_a_line(line, pairs):
     assert dict(found) == pairs
 
 
-@each(
+@pytest.mark.parametrize(
     "line",
     [
         "5=6",

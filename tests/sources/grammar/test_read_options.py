@@ -3,7 +3,6 @@ import shlex
 
 import numpy as np
 import pytest
-from each import each
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -107,7 +106,7 @@ def test_a_gap_of_years_is_no_million_rows(read):
     assert read(text, gaps="dt").steps()[-1] > 9e8
 
 
-@each(
+@pytest.mark.parametrize(
     ("options", "said"),
     [
         ({"time_column": "x"}, "must be one of n, clock, a"),
@@ -122,7 +121,7 @@ def test_an_option_that_the_file_cannot_have_is_refused(read, options, said):
         read(TIMED, **options)
 
 
-@each(
+@pytest.mark.parametrize(
     "options",
     [
         {"delimiter": "x"},

@@ -3,7 +3,6 @@
 from datetime import datetime, timedelta
 
 import pytest
-from each import each
 from effort import EXAMPLES
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -57,7 +56,7 @@ def test_digits_read_what_was_written(us):
     assert CLOCK_PARSERS["hhmmss"](f"{h:02}{m:02}{s:02}.25") == (h * 3600 + m * 60 + s) * 10**6 + 250_000
 
 
-@each(
+@pytest.mark.parametrize(
     ("cell", "seconds"),
     [
         ("18.00.00", 64800),
@@ -106,7 +105,7 @@ INSTANTS = st.datetimes(datetime(1970, 1, 1), datetime(2068, 12, 31, 23, 59, 59,
 
 
 @pytest.mark.slow
-@each("name", FORMS)
+@pytest.mark.parametrize("name", FORMS)
 @settings(max_examples=EXAMPLES // 2)
 @given(instant=INSTANTS)
 def test_every_form_reads_what_was_written(name, instant):
@@ -117,7 +116,7 @@ def test_every_form_reads_what_was_written(name, instant):
         assert parse_calendar(written, "dmy") is parse_calendar(written, "mdy") is None
 
 
-@each(
+@pytest.mark.parametrize(
     ("cell", "order", "iso"),
     [
         ("1970-01-01T01:00:00+01:00", "ymd", "1970-01-01"),
@@ -142,8 +141,8 @@ def test_a_stamp_is_this_instant(cell, order, iso):
     assert parse_calendar(cell, order) == microseconds(datetime.fromisoformat(iso))
 
 
-@each("order", ["ymd", "dmy", "mdy"])
-@each(
+@pytest.mark.parametrize("order", ["ymd", "dmy", "mdy"])
+@pytest.mark.parametrize(
     "cell",
     [
         "1970-02-31", "0000-01-01", "1970-01-01 25:00:00", "hello", "1970", "1.5", "", "192.0.2.7", "2022-W08-3",
@@ -164,7 +163,7 @@ def test_no_number_is_a_stamp(number, decimals):
         assert not is_stamp(text.replace(".", ","))
 
 
-@each(
+@pytest.mark.parametrize(
     "cell",
     [
         "", "abc", "hello 123", "20.5 C", "1.013,25", "192.0.2.7", "v1.2.3", "boot:0x13", "0-100kph Time(s)", "3:4",
@@ -192,7 +191,7 @@ def days(order, count=11, step=1, start=datetime(2024, 1, 1)):
     return [(start + timedelta(days=step * i)).strftime(pattern) for i in range(count)]
 
 
-@each(
+@pytest.mark.parametrize(
     ("cells", "form"),
     [
         (["0.5", "1", "1.5e3"], ("number", "ymd")),
@@ -213,7 +212,7 @@ def test_the_form_that_fits_most_cells_is_found(cells, form):
     assert found(cells) == form
 
 
-@each(
+@pytest.mark.parametrize(
     ("cells", "unit", "clock"),
     [
         ([f"{i // 60:02}:{i % 60:02}" for i in range(300)], "", "elapsed"),  # it begins at 00:00
@@ -235,8 +234,8 @@ def test_eight_digits_and_day_numbers_are_dates_only_where_the_name_allows():
     assert [find_stamp_form(["45123,5"], ",", name).unit for name in (DATE, TIME)] == ["day", ""]
 
 
-@each("order", ["dmy", "mdy"])
-@each(("step", "count"), [(1, 12), (2, 6), (3, 4)])
+@pytest.mark.parametrize("order", ["dmy", "mdy"])
+@pytest.mark.parametrize(("step", "count"), [(1, 12), (2, 6), (3, 4)])
 def test_even_steps_decide_where_no_day_is_above_twelve(order, step, count):
     form = find_stamp_form(days(order, count, step), ".", TIME)
     assert (form.order, form.notes) == (order, ())
@@ -275,15 +274,15 @@ def test_a_format_of_the_user_is_the_form():
     assert find_stamp_form(["12:00"], ".", TimeName(), ReadOptions(time_format="%d.%m.%Y")) is None
 
 
-@each("form", ["%Q", "abc", "", "%H:%M:%M", "%c %Y"])
+@pytest.mark.parametrize("form", ["%Q", "abc", "", "%H:%M:%M", "%c %Y"])
 def test_a_format_that_is_none_is_refused(form):
     with pytest.raises(BadSetting, match="time_format must"):
         find_stamp_form(["12:00"], ".", TimeName(), ReadOptions(time_format=form))
 
 
-@each("pattern", ["%Y%m%d%H", "%Y%m%d%H%M", "%Y%m%d%H%M%S"])
-@each("name", [NAMED, TIME])
-@each(("start", "count"), [(datetime(1893, 1, 1, 20), 60), (datetime(2024, 2, 28, 22), 5)])
+@pytest.mark.parametrize("pattern", ["%Y%m%d%H", "%Y%m%d%H%M", "%Y%m%d%H%M%S"])
+@pytest.mark.parametrize("name", [NAMED, TIME])
+@pytest.mark.parametrize(("start", "count"), [(datetime(1893, 1, 1, 20), 60), (datetime(2024, 2, 28, 22), 5)])
 def test_digits_of_a_date_and_a_clock(pattern, name, start, count):
     stamps = [start + timedelta(hours=i) for i in range(count)]
     cells = [stamp.strftime(pattern) for stamp in stamps]
@@ -292,8 +291,8 @@ def test_digits_of_a_date_and_a_clock(pattern, name, start, count):
     assert [stamp_parser(form, ".")(cell) for cell in cells] == [microseconds(stamp) for stamp in stamps]
 
 
-@each("start", [1_700_000_000, 1_801_010_100, 2_024_010_100, 1_999_123_100])
-@each("step", [1, 7, 60])
+@pytest.mark.parametrize("start", [1_700_000_000, 1_801_010_100, 2_024_010_100, 1_999_123_100])
+@pytest.mark.parametrize("step", [1, 7, 60])
 def test_seconds_since_1970_are_no_date_of_ten_digits(start, step):
     cells = [str(start + step * i) for i in range(60)]
     assert found(cells, NAMED)[0] == found(cells, DATE)[0] == "number"

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from each import each
 
 from kalscope.sources.reading.recording_file import read_recording
 
@@ -80,7 +79,7 @@ CASES = [
 
 
 @pytest.mark.slow
-@each(("name", "copied"), CASES)
+@pytest.mark.parametrize(("name", "copied"), CASES)
 def test_a_whole_file_as_it_is_or_copied_by_a_script(name, copied, tmp_path):
     text, names, units, period = FILES[name]
     path = tmp_path / "file.csv"

@@ -1,7 +1,6 @@
 """A rate above a table of any logger; and that ordinary tables are no instrument's."""
 
 import pytest
-from each import each
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -10,7 +9,7 @@ from kalscope.sources.reading.preface import Preface, find_preface
 TABLE = ["t,a", "0,1", "1,2", "2,3"]
 
 
-@each(
+@pytest.mark.parametrize(
     ("line", "period"),
     [
         ("# Sampling Rate: 250 Hz", 0.004),
@@ -38,7 +37,7 @@ def test_a_rate_above_the_table(line, period):
     assert found.header_row is None
 
 
-@each(
+@pytest.mark.parametrize(
     "line",
     [
         "# Sampling Rate: unknown",
@@ -77,7 +76,7 @@ def test_no_first_lines_make_a_rule_fail(lines):
     assert 0 < found.first_row <= max(1, len(lines))
 
 
-@each(
+@pytest.mark.parametrize(
     "text",
     [
         "1551453301\n1551453302\n1551453303",  # stamps alone

@@ -4,7 +4,6 @@ from datetime import datetime, timedelta
 
 import numpy as np
 import pytest
-from each import each
 
 from kalscope.errors import BadSetting
 from kalscope.sources.grammar.read_options import ReadOptions
@@ -28,7 +27,7 @@ def notes_of(recording):
     return "\n".join(recording.report.notes)
 
 
-@each("word", ["M", "NA", "-", "--", "unavailable", "unknown", "offline", "n.a.", "#N/A", "***"])
+@pytest.mark.parametrize("word", ["M", "NA", "-", "--", "unavailable", "unknown", "offline", "n.a.", "#N/A", "***"])
 def test_first_rows_without_a_sample_do_not_take_the_header_with_them(read, word):
     recording = read(
         "t,a,b\n" + f"0,{word},{word}\n1,{word},{word}\n" + "".join(f"{i},{i % 5},3\n" for i in range(2, 30))
@@ -82,7 +81,7 @@ def test_rows_from_before_a_field_was_added_lack_it_and_a_lone_short_row_is_torn
     assert "rows of 2 fields" in notes_of(recording)
 
 
-@each(
+@pytest.mark.parametrize(
     ("cell", "value", "unit"),
     [
         ("26.{}C", 26.0, "C"),

@@ -1,11 +1,11 @@
-from each import each
+import pytest
 
 from kalscope import read_recording
 from kalscope.sources.reading.columns import distinct_names, named_column
 from kalscope.sources.reading.sniffer import sniff
 
 
-@each(
+@pytest.mark.parametrize(
     ("text", "name", "unit"),
     [
         ("accel (m/s^2)", "accel", "m/s^2"),
@@ -26,7 +26,7 @@ def test_a_unit_stands_in_brackets_or_as_a_clear_suffix(text, name, unit):
     assert (column.name, column.unit) == (name, unit)
 
 
-@each("filling", [" ", "\t", "a ", ":", " :", "#"])
+@pytest.mark.parametrize("filling", [" ", "\t", "a ", ":", " :", "#"])
 def test_a_long_unit_comment_is_no_unit_and_is_passed_over_at_once(filling):
     # Half a minute for 4,800 blanks once; 64,000 would outlast any test run.
     layout = sniff([f"# unit{filling * 64_000}x", "t,temp", "0.0,20.5", "0.1,20.6"])
@@ -39,7 +39,7 @@ def test_names_are_made_distinct_without_taking_a_given_one():
     assert distinct_names(["", "value 1"]) == ("value 2", "value 1")
 
 
-@each(
+@pytest.mark.parametrize(
     ("header", "step", "names"),
     [
         ("count,a", 1, ("a",)),

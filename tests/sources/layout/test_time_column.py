@@ -5,7 +5,6 @@ from datetime import datetime, timedelta
 from itertools import pairwise
 
 import pytest
-from each import each
 
 from kalscope.errors import BadSetting
 from kalscope.sources.grammar.read_options import ReadOptions
@@ -46,7 +45,7 @@ def name_of(named):
     return [list(named)[i] for i in time.indices] if time else []
 
 
-@each(
+@pytest.mark.parametrize(
     "bad",
     [
         NOISE,  # goes back and forth
@@ -55,7 +54,7 @@ def name_of(named):
         ["7"] * N,  # never changes
     ],
 )
-@each("is_first", [True, False])
+@pytest.mark.parametrize("is_first", [True, False])
 def test_a_full_rising_fine_column_outranks_a_better_name(bad, is_first):
     good = [f"{1551453301 + 0.02 * i:.3f}" for i in range(N)]
     named = {"t": bad, "timestamp": good, "a": NOISE}
@@ -77,9 +76,9 @@ def test_numbers_that_go_back_and_forth_are_no_time_whatever_their_name():
 
 
 @pytest.mark.slow
-@each("date", ["%d.%m.%Y", "%Y-%m-%d", "%m/%d/%Y", "%Y%m%d", "%d-%b-%Y"])
-@each("clock", ["%H:%M:%S", "%H.%M.%S", "%I:%M:%S %p", "%H%M%S"])
-@each("is_date_first", [True, False])
+@pytest.mark.parametrize("date", ["%d.%m.%Y", "%Y-%m-%d", "%m/%d/%Y", "%Y%m%d", "%d-%b-%Y"])
+@pytest.mark.parametrize("clock", ["%H:%M:%S", "%H.%M.%S", "%I:%M:%S %p", "%H%M%S"])
+@pytest.mark.parametrize("is_date_first", [True, False])
 def test_a_date_and_a_clock_beside_it_are_one_time(date, clock, is_date_first):
     named = {"Date": stamps(date, 700), "Time": stamps(clock, 700)}
     columns, rows = made({**(named if is_date_first else dict(reversed(named.items()))), "a": NOISE})
@@ -94,7 +93,7 @@ def test_a_date_and_a_clock_beside_it_are_one_time(date, clock, is_date_first):
 SIX = {"Year": "%Y", "Month": "%m", "Day": "%d", "Hour": "%H", "Minute": "%M", "Second": "%S"}
 
 
-@each(
+@pytest.mark.parametrize(
     "parts",
     [
         SIX,
@@ -126,7 +125,7 @@ def test_date_columns_without_a_header_are_known_by_their_ranges(has_day_of_year
     assert parse(rows[5]) - parse(rows[0]) == 300e6
 
 
-@each(
+@pytest.mark.parametrize(
     ("names", "codes", "step"),
     [
         ("sec msec", (lambda t: t // 1000, lambda t: t % 1000), 40),
@@ -193,7 +192,7 @@ def test_stamps_since_1970_need_no_name():
     assert not is_time(1551453301000 + 80 * (i // N) for i in range(N))
 
 
-@each("count", [100, 599, 601, 2000])
+@pytest.mark.parametrize("count", [100, 599, 601, 2000])
 def test_a_counter_without_a_name_is_no_time_however_many_rows_are_weighed(count):
     columns, noise = [Column(""), Column("")], (NOISE * count)[:count]
     rising = [[str(500 + step * i) for i in range(count)] for step in (1, 20)]
@@ -209,8 +208,8 @@ def test_digits_with_a_unit_beside_a_date_are_no_clock():
     assert set(time_of({"date": days, "time": counted, "x": NOISE}).indices) == {0, 1}
 
 
-@each(("pattern", "step"), [("%Y%m%d%H", 3600), ("%Y%m%d%H%M", 600), ("%Y%m%d", 86400)])
-@each("name", ["", "Messzeitpunkt"])
+@pytest.mark.parametrize(("pattern", "step"), [("%Y%m%d%H", 3600), ("%Y%m%d%H%M", 600), ("%Y%m%d", 86400)])
+@pytest.mark.parametrize("name", ["", "Messzeitpunkt"])
 def test_dates_in_digits_are_the_time_whatever_their_name(name, pattern, step):
     rows = list(zip(stamps(pattern, step), NOISE, strict=True))
     time = find_time([Column(name), Column("")], rows, ".", named=bool(name))
@@ -231,7 +230,7 @@ NAMES = {
 }
 
 
-@each(("strength", "unit"), NAMES)
+@pytest.mark.parametrize(("strength", "unit"), NAMES)
 def test_a_name_hints_at_a_time_and_its_unit(strength, unit):
     for name in NAMES[strength, unit]:
         found = time_name(named_column(name))

@@ -6,7 +6,6 @@ from functools import reduce
 
 import numpy as np
 import pytest
-from each import each
 
 from kalscope.errors import BadFile
 from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
@@ -357,7 +356,7 @@ def read(tmp_path, text, options=DEFAULTS):
 
 
 @pytest.mark.slow
-@each("name", LOGS)
+@pytest.mark.parametrize("name", LOGS)
 def test_a_usual_log_is_read_right(tmp_path, name):
     text, channels, period = LOGS[name]
     recording = read(tmp_path, text)

@@ -6,7 +6,6 @@ from functools import reduce
 
 import numpy as np
 import pytest
-from each import each
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -38,12 +37,12 @@ def only(line, before=b""):
 NOT_NUMBERS = ["1 2", "1_000", "12abc", "0x1F", "-inf", "1e999", "ERR", "1,5", "--1", ".", "٣", "1.2.3", "e5"]
 
 
-@each("cell", NOT_NUMBERS)
+@pytest.mark.parametrize("cell", NOT_NUMBERS)
 def test_what_is_no_finite_decimal_number_is_none(cell):
     assert parse_number(cell) is None
 
 
-@each(
+@pytest.mark.parametrize(
     ("line", "delimiter", "cells"),
     [
         ("1, 2 ,3\n", ",", ["1", "2", "3"]),
@@ -87,7 +86,7 @@ ROWS = [
 ]
 
 
-@each(("line", "values"), ROWS)
+@pytest.mark.parametrize(("line", "values"), ROWS)
 def test_what_people_print_is_a_row(line, values):
     kind, found, issues = only(line)
     assert (kind, issues) == ("row", ())
@@ -102,13 +101,13 @@ KINDS = {
 }
 
 
-@each(("line", "expected"), KINDS.items())
+@pytest.mark.parametrize(("line", "expected"), KINDS.items())
 def test_prose_is_text_and_a_damaged_line_is_rejected(line, expected):
     before, kind = expected
     assert only(line, before)[0] == kind
 
 
-@each("cell", ["12abc", "0x1F", "Infinity", "hello"])
+@pytest.mark.parametrize("cell", ["12abc", "0x1F", "Infinity", "hello"])
 def test_once_the_shape_is_known_such_a_cell_is_a_reported_missing_sample(cell):
     kind, values, issues = only(f"1,{cell}", TABLE)
     assert (kind, values["value 1"]) == ("row", 1)
@@ -221,7 +220,7 @@ def test_any_bytes_in_any_pieces_are_the_same_events(data, cuts):
     assert [event.number for event in whole] == list(range(1, len(whole) + 1))
 
 
-@each("data", STREAMS.values(), ids=STREAMS)
+@pytest.mark.parametrize("data", STREAMS.values(), ids=STREAMS)
 def test_a_stream_means_what_the_file_means(tmp_path, data):
     path = tmp_path / "log.txt"
     path.write_bytes(data)

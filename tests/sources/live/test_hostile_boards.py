@@ -8,7 +8,6 @@ from __future__ import annotations
 import re
 
 import pytest
-from each import each
 from effort import FUZZ
 from forked import fork_server
 from hostile_boards import BOARDS, GOOD_ROWS, listen
@@ -24,7 +23,7 @@ LATE = 40
 """Good rows that may be lost until it is clear that the board runs another program."""
 
 
-@each("board", BOARDS, ids=[board.name for board in BOARDS])
+@pytest.mark.parametrize("board", BOARDS, ids=[board.name for board in BOARDS])
 def test_a_hostile_board_is_counted_and_a_good_one_heard_after_it(tmp_path, board):
     seen = in_child(fork_server(), listen, board.name, board.big if BIG else board.small, tmp_path)
     outcome = OUTCOME.fullmatch(seen.outcome)

@@ -5,7 +5,6 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from each import each
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -89,7 +88,7 @@ def test_the_boot_text_of_a_chip_is_no_data():
     assert counts.dropped == whole_lines(ESP32)
 
 
-@each(
+@pytest.mark.parametrize(
     ("silence", "unplugged", "rows"),
     [
         (None, False, [511, 512, 514]),  # a reset
@@ -188,8 +187,8 @@ def test_every_line_that_came_is_in_one_count(damage, cuts, pauses):
 
 
 @pytest.mark.slow
-@each("row", ["{}.5,{}.25", "{} {}", "[{}, {}]", "c:{},d:{}", ",".join(["{}.125"] * 60)])
-@each("before", ["{}.5,{}.25,1", "{}.5,{}.25", "a:{},b:{}", '{{"a": {}, "b": {}}}'])
+@pytest.mark.parametrize("row", ["{}.5,{}.25", "{} {}", "[{}, {}]", "c:{},d:{}", ",".join(["{}.125"] * 60)])
+@pytest.mark.parametrize("before", ["{}.5,{}.25,1", "{}.5,{}.25", "a:{},b:{}", '{{"a": {}, "b": {}}}'])
 def test_whatever_program_was_on_the_board_the_next_one_is_read(before, row):
     """Also where its lines are longer than the 200 characters to which an event quotes them."""
     stream = Stream().feed(b"x\n", after=3.0)

@@ -3,7 +3,7 @@
 import math
 
 import numpy as np
-from each import each
+import pytest
 
 from kalscope.sources.live.lines import LineCounts
 from kalscope.sources.live.samples import ArrivedRow, LiveSamples, gathered
@@ -13,7 +13,7 @@ from kalscope.sources.reading.line_parser import LineParser
 NAN = math.nan
 
 
-@each(
+@pytest.mark.parametrize(
     ("rows", "expected"),
     [
         ([(5, 1, NAN), (5, NAN, 2)], [(5, 1, 2)]),

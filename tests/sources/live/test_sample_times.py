@@ -4,7 +4,6 @@ import math
 
 import numpy as np
 import pytest
-from each import each
 
 from kalscope.sources.grammar.timestamps import TimeColumn
 from kalscope.sources.live.samples import ArrivedRow, LiveTime
@@ -25,9 +24,9 @@ def test_without_stamps_time_is_that_of_arrival_from_the_first_sample():
     assert (np.diff(time) > 0).all()
 
 
-@each(("unit", "scale"), [("s", 1.0), ("ms", 1e-3), ("us", 1e-6), ("ns", 1e-9)])
-@each("speed", [1.0, 12.0])
-@each("is_named", [True, False])
+@pytest.mark.parametrize(("unit", "scale"), [("s", 1.0), ("ms", 1e-3), ("us", 1e-6), ("ns", 1e-9)])
+@pytest.mark.parametrize("speed", [1.0, 12.0])
+@pytest.mark.parametrize("is_named", [True, False])
 def test_stamps_are_the_time_and_a_unit_without_name_is_found_by_the_clock_of_the_host(
     unit, scale, speed, is_named
 ):
@@ -63,8 +62,8 @@ def test_the_time_axis_of_a_board_that_restarts_continues_by_the_time_that_has_p
     np.testing.assert_allclose(np.concatenate([first, again]), [0, 0.01, 0.02, 1.62, 1.63, 1.64], atol=1e-9)
 
 
-@each("column", [None, TimeColumn(0, "number", "ms")])
-@each("restarted", [False, True])
+@pytest.mark.parametrize("column", [None, TimeColumn(0, "number", "ms")])
+@pytest.mark.parametrize("restarted", [False, True])
 def test_after_an_interruption_time_jumps_by_the_true_pause_and_one_row_is_missing(column, restarted):
     clock = LiveTime(column)
     times_of(clock, [0.0, 0.01, 0.02], [70_000.0, 70_010.0, 70_020.0])

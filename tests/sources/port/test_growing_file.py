@@ -4,7 +4,6 @@ import os
 
 import numpy as np
 import pytest
-from each import each
 
 from kalscope.catalogue import open_source
 from kalscope.errors import BadDevice, BadSetting
@@ -70,7 +69,7 @@ host time [s],device time [ms],temp [°C],light
 
 
 @pytest.mark.slow
-@each(
+@pytest.mark.parametrize(
     ("head", "row", "options"),
     [
         (RECORDED, "{:.6f},{},{},7\n", {}),
@@ -97,7 +96,7 @@ def test_a_followed_file_is_what_it_is_when_it_is_opened(log, wait_for, head, ro
 
 
 @pytest.mark.slow
-@each("replace", [truncate, rotate])
+@pytest.mark.parametrize("replace", [truncate, rotate])
 def test_a_replaced_file_is_a_gap_and_its_new_lines_follow(log, wait_for, replace):
     log.write_text("t [s],heat\n0,1\n0.1,2\n0.2,")
     with LiveSource(f"file:{log}") as live:

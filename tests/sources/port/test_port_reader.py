@@ -4,7 +4,6 @@ from itertools import count
 from queue import Empty
 
 import pytest
-from each import each
 from scripted_port import ScriptedPort, scripted
 
 from kalscope.errors import BadDevice
@@ -30,7 +29,7 @@ def taken(reader):
             return items
 
 
-@each(
+@pytest.mark.parametrize(
     ("error", "says"),
     [
         (BadDevice("the cable was pulled"), "the cable was pulled"),

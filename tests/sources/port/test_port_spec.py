@@ -1,7 +1,6 @@
 """What the user types for a port, and what the system lists."""
 
 import pytest
-from each import each
 from serial.tools.list_ports_common import ListPortInfo
 
 from kalscope.catalogue import open_source
@@ -28,7 +27,7 @@ TYPED = {
 }
 
 
-@each("text", TYPED)
+@pytest.mark.parametrize("text", TYPED)
 def test_a_port_is_read_as_it_is_typed_and_written(text):
     spec = port_of(text)
     assert spec == PortSpec(*TYPED[text])
@@ -36,7 +35,7 @@ def test_a_port_is_read_as_it_is_typed_and_written(text):
     assert is_live(spec.text)
 
 
-@each(
+@pytest.mark.parametrize(
     ("text", "says"),
     [
         *[(text, "got") for text in ("", "serial:", "serial:@9600", "COM3@-1", "COM3@0", "COM3@1e6")],
@@ -59,7 +58,7 @@ def test_what_names_no_port_is_refused_with_what_came(text, says):
         port_of(text)
 
 
-@each("baud", [0, -1, 30_000_000, 9600.0, True, "9600"])
+@pytest.mark.parametrize("baud", [0, -1, 30_000_000, 9600.0, True, "9600"])
 def test_a_baud_rate_is_a_whole_number_of_its_range(baud):
     with pytest.raises(BadSetting, match="baud rate"):
         PortSpec("COM3", baud)
@@ -71,7 +70,7 @@ FINISHED = ["demo", "sample:flex_sensor", r"C:\x.csv", "C:/COM3.csv", "COM3.csv"
 FINISHED += ["http://x/y.csv", "loop://x", "./serial", "/dev/null", "experiment:x", "a@9600"]
 
 
-@each(("spec", "live"), [(s, True) for s in LIVE] + [(s, False) for s in FINISHED])
+@pytest.mark.parametrize(("spec", "live"), [(s, True) for s in LIVE] + [(s, False) for s in FINISHED])
 def test_a_port_streams_and_a_file_is_finished(spec, live):
     assert is_live(spec) is live
     if live:
@@ -79,7 +78,7 @@ def test_a_port_streams_and_a_file_is_finished(spec, live):
             open_source(spec)
 
 
-@each(
+@pytest.mark.parametrize(
     ("address", "shown"),
     [
         ("mqtt://ada@x.org:123/rest@host/topic", "mqtt://ada@x.org:…@host/topic"),

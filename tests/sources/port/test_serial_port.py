@@ -3,7 +3,6 @@
 import errno
 
 import pytest
-from each import each
 
 from kalscope.errors import BadDevice
 from kalscope.sources.port import serial_port
@@ -36,7 +35,7 @@ def opened(monkeypatch):
     return open_port
 
 
-@each(
+@pytest.mark.parametrize(
     ("error", "words"),
     [
         (FileNotFoundError(errno.ENOENT, "No such file"), "is not plugged in"),

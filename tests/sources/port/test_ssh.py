@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from each import each
 from ssh_server import descendants, ssh_server
 
 from kalscope.errors import BadDevice, BadSetting
@@ -78,7 +77,7 @@ def test_a_second_reader_is_refused(pi, board):
             SshPort(port_of(f"ssh://pi{board.link}@9600"), bool, None)
 
 
-@each(
+@pytest.mark.parametrize(
     ("address", "words"),
     [
         ("ssh://stranger/dev/null", r"to stranger \(Host key verification failed.\): does .* accept the host key"),
@@ -121,7 +120,7 @@ NO_ADDRESSES += ["-oProxyCommand=touch x/dev/ttyACM0", "-oProxyCommand=x@pi/dev/
 NO_ADDRESSES += ["$(touch x)/dev/ttyACM0", "user:secret@pi/dev/ttyACM0", "pi/dev/tty%0aACM0", "pi/dev/ttyACM0@fast"]
 
 
-@each("text", NO_ADDRESSES)
+@pytest.mark.parametrize("text", NO_ADDRESSES)
 def test_an_address_that_is_no_address_never_reaches_ssh(text):
     with pytest.raises(BadSetting, match=r"an address must (be|hold no password)|baud rate"):
         port_of(f"ssh://{text}")

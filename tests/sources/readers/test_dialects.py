@@ -7,7 +7,6 @@ from collections import Counter
 
 import pytest
 from dialects.verdict import judge, make_case, named_options
-from each import each
 from effort import FUZZ
 
 from kalscope.sources.grammar.read_options import ReadOptions
@@ -39,7 +38,7 @@ def test_a_seed_always_writes_the_same_log():
     assert len({make_case(seed).data for seed in range(20)}) == 20
 
 
-@each(
+@pytest.mark.parametrize(
     ("note", "options"),
     [
         ("it could also be 1 column: --delimiter semicolon --decimal comma", {"delimiter": ";", "decimal": ","}),

@@ -5,7 +5,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from each import each
 
 from kalscope.sources.reading.recording_file import read_recording
 
@@ -130,7 +129,7 @@ def read():
     return read_once
 
 
-@each("name", RIGHT)
+@pytest.mark.parametrize("name", RIGHT)
 def test_a_field_log_reads_as_its_table_says(read, name):
     right, recording = RIGHT[name], read(name)
     report = recording.report
@@ -149,6 +148,6 @@ def test_a_field_log_reads_as_its_table_says(read, name):
         assert not units or recording.units[index] in units
 
 
-@each("name", UNGAPPED)
+@pytest.mark.parametrize("name", UNGAPPED)
 def test_a_clock_of_whole_seconds_or_of_bursts_has_no_gaps(read, name):
     assert not any("gaps" in note or "--gaps" in note for note in read(name).report.notes)

@@ -8,7 +8,6 @@ from contextlib import suppress
 from functools import partial
 
 import pytest
-from each import each
 
 from kalscope.errors import BadFile
 from kalscope.sources.grammar.read_options import DEFAULTS
@@ -71,7 +70,7 @@ def test_reading_a_line_takes_calls_in_proportion_to_it(head):
     check(lambda text: reader.read(1, text))
 
 
-@each(
+@pytest.mark.parametrize(
     "line",
     [hostile(64_000, lead, run) for lead in ("", "# unit ", "a:", "1,") for run in (" ", "1", ":", '"', "1,")],
 )

@@ -4,7 +4,6 @@ import json
 
 import numpy as np
 import pytest
-from each import each
 
 from kalscope.errors import BadSetting
 from kalscope.sources.grammar.read_options import ReadOptions
@@ -90,7 +89,7 @@ def test_the_answer_of_thingsboard(read):
     assert recording.sample_period == 5.0
 
 
-@each(
+@pytest.mark.parametrize(
     "text",
     [
         "time,value,status\n" + "".join(f"{i},{x},{'ok' if i % 3 else 'low'}\n" for i, x in enumerate(X)),

@@ -6,7 +6,6 @@ import threading
 import numpy as np
 import pytest
 from both_ways import assert_same_by_line
-from each import each
 from hypothesis import example, given
 from hypothesis import strategies as st
 
@@ -57,7 +56,7 @@ def by_line(monkeypatch):
 
 
 @pytest.mark.slow
-@each("name", SEEDS)
+@pytest.mark.parametrize("name", SEEDS)
 def test_a_table_takes_no_line_reader_and_is_the_same(tmp_path, by_line, name):
     path = tmp_path / "log.csv"
     path.write_bytes(SEEDS[name].encode())

@@ -4,7 +4,6 @@ from datetime import datetime, timedelta
 
 import numpy as np
 import pytest
-from each import each
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -39,9 +38,9 @@ def _oracle(text):
 
 
 @pytest.mark.slow
-@each("encoding", ["utf-8", "utf-8-sig", "utf-16", "latin-1"])
-@each("newline", ["\n", "\r\n", "\r"])
-@each("delimiter", [",", ";", "\t", "|", "  "])
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "latin-1"])
+@pytest.mark.parametrize("newline", ["\n", "\r\n", "\r"])
+@pytest.mark.parametrize("delimiter", [",", ";", "\t", "|", "  "])
 def test_every_dialect_reads_as_the_same_recording(read, encoding, newline, delimiter):
     content = CLEAN.replace(",", delimiter).replace("\n", newline)
     recording = read(content, encoding)
@@ -127,7 +126,7 @@ def test_a_given_sample_period_overrides_and_gives_time_where_there_is_none(read
     assert recording.time.tolist() == [0.0, 0.5, 1.0]
 
 
-@each("period", [0, -1, math.nan, math.inf, 1e-60, "long"])
+@pytest.mark.parametrize("period", [0, -1, math.nan, math.inf, 1e-60, "long"])
 def test_a_sample_period_must_be_positive_and_finite_which_is_checked_before_the_file_is_opened(period):
     with pytest.raises(BadSetting, match="sample period must be"):
         read_recording("no such file", sample_period=period)
@@ -140,7 +139,7 @@ def test_the_first_hundred_issues_are_kept_and_all_are_counted(read):
     assert recording.report.issues[0].line == 3
 
 
-@each(
+@pytest.mark.parametrize(
     ("content", "said"),
     [
         (b"t,a\n0,nan\n1,\n2,nan\n", "at least one number"),
@@ -178,8 +177,8 @@ def test_a_damaged_gzip_archive_is_a_bad_file(tmp_path_factory, tail):
 
 
 @pytest.mark.slow
-@each("blank", [" ", "\u00a0", "\u202f"])
-@each("minus", ["-", "\u2212"])
+@pytest.mark.parametrize("blank", [" ", "\u00a0", "\u202f"])
+@pytest.mark.parametrize("minus", ["-", "\u2212"])
 def test_blanks_that_do_not_break_and_the_minus_sign_of_typography(read, blank, minus):
     times = [datetime(2024, 2, 29, 9) + timedelta(minutes=20 * i) for i in range(60)]
     stamps = [time.strftime(f"%m/%d/%Y, %I:%M:%S{blank}%p") for time in times]
@@ -198,9 +197,9 @@ STAMPS = {
 }
 
 
-@each("stamp", STAMPS)
-@each("page", [1, 3, 50, 120])
-@each("is_newest_first", [True, False])
+@pytest.mark.parametrize("stamp", STAMPS)
+@pytest.mark.parametrize("page", [1, 3, 50, 120])
+@pytest.mark.parametrize("is_newest_first", [True, False])
 def test_rows_in_pages_are_put_in_order_of_time(read, stamp, page, is_newest_first):
     rows = [f"{STAMPS[stamp](i)},{i * i}\n" for i in range(240)]
     rows.insert(7, rows[7])  # a repeated row keeps its place

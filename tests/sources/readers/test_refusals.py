@@ -1,7 +1,6 @@
 """Each refusal names the line, what must hold, what came, and what to try."""
 
 import pytest
-from each import each
 
 from kalscope.errors import BadFile
 from kalscope.sources.grammar.read_options import options_from_text
@@ -38,7 +37,7 @@ REFUSED = {
 }
 
 
-@each(("text", "said"), REFUSED.values(), ids=REFUSED)
+@pytest.mark.parametrize(("text", "said"), REFUSED.values(), ids=REFUSED)
 def test_a_refusal_says_where_and_what_to_try(tmp_path, text, said):
     path = tmp_path / "log.csv"
     path.write_text(text, encoding="utf-8", newline="")

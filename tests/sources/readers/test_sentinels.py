@@ -1,7 +1,7 @@
 """What may be a missing value is asked about; what is a state or a reading is not."""
 
 import numpy as np
-from each import each
+import pytest
 
 from kalscope.sources.reading.recording_file import suggest_missing
 
@@ -25,20 +25,20 @@ def at_moments(signal, code, every=97, long=1):
 SURE = [-999.0, -9999.9, 9999.0, 999.9, -888.0, -200.0, -127.0, 85.0, -7999.0, 32767.0, -32768.0, 65535.0, 1e30]
 
 
-@each("code", SURE)
-@each("long", [1, 60])
+@pytest.mark.parametrize("code", SURE)
+@pytest.mark.parametrize("long", [1, 60])
 def test_a_code_is_asked_about_however_long_it_lasts(code, long):
     assert asked(at_moments(WALK, code, long=long)) == [code]
 
 
-@each("code", [0.0, -1.0, 400.0, 20000.0, 255.0])
+@pytest.mark.parametrize("code", [0.0, -1.0, 400.0, 20000.0, 255.0])
 def test_a_number_that_may_be_a_reading_is_one_unless_it_comes_for_moments(code):
     far = np.where(code == 0.0, 300.0, 50.0) + WALK
     assert asked(at_moments(far, code)) == [code]
     assert asked(at_moments(far, code, long=30)) == []
 
 
-@each("code", [10.5, 563.0, -12.25, 71.3, 1234.0])
+@pytest.mark.parametrize("code", [10.5, 563.0, -12.25, 71.3, 1234.0])
 def test_no_other_number_is_a_code(code):
     assert asked(at_moments(WALK, code)) == []
 
@@ -58,7 +58,7 @@ STATES = {
 }
 
 
-@each("signal", STATES.values(), ids=STATES)
+@pytest.mark.parametrize("signal", STATES.values(), ids=STATES)
 def test_states_and_readings_raise_no_question(signal):
     assert asked(signal) == []
 

@@ -5,7 +5,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from each import each
 from effort import FUZZ
 
 from kalscope.errors import BadFile
@@ -55,7 +54,7 @@ def read_messy(name):
     return read(f"messy/{name}")
 
 
-@each("name", MESSY)
+@pytest.mark.parametrize("name", MESSY)
 def test_a_messy_file_reads_as_expected(name):
     report = read_messy(name).report
     rows, rejected, cells = MESSY[name]
@@ -66,7 +65,7 @@ def test_a_messy_file_reads_as_expected(name):
     assert parts == report.lines
 
 
-@each("name", TWINS)
+@pytest.mark.parametrize("name", TWINS)
 def test_messy_twins_of_the_clean_file_equal_it(name):
     clean, twin = read_messy("01_clean.csv"), read_messy(name)
     assert twin.names == clean.names == ("temp", "dist")
@@ -138,7 +137,7 @@ def check_samples(samples, good, mean, std):
     assert [finite.mean(), finite.std(ddof=1)] == pytest.approx([mean, std], rel=5e-7)
 
 
-@each(
+@pytest.mark.parametrize(
     ("name", "channel", "rows", "good", "mean", "std", "period"),
     [row for row in CATALOGUE if FUZZ > 1 or row[0] not in TWINS_OF_OTHERS],
 )
@@ -160,7 +159,7 @@ MISSING = [
 ]
 
 
-@each(("name", "missing", "channel", "good", "mean", "std"), MISSING)
+@pytest.mark.parametrize(("name", "missing", "channel", "good", "mean", "std"), MISSING)
 def test_a_missing_value_is_asked_about_and_taken_away_only_when_told(name, missing, channel, good, mean, std):
     unasked = read(name)
     question = f"is {missing:g} a missing value"

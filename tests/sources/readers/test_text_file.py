@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from each import each
 
 from kalscope.common.progress import Progress
 from kalscope.errors import BadFile, Cancelled
@@ -38,7 +37,7 @@ def test_scattered_nuls_are_refused_by_their_line(read):
         read(b"a,b\n" + b"1\0,\x002,3\0\n" * 50)
 
 
-@each(
+@pytest.mark.parametrize(
     ("data", "what"),
     [
         (b"PK\x03\x04" + bytes(50), "zip archive"),

@@ -3,7 +3,7 @@
 import math
 import re
 
-from each import each
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -42,7 +42,7 @@ DATAGRAMS = [
 ]
 
 
-@each(("datagram", "rows"), DATAGRAMS)
+@pytest.mark.parametrize(("datagram", "rows"), DATAGRAMS)
 def test_what_a_datagram_holds(datagram, rows):
     assert rows_of(lines_of(datagram.encode())) == rows
 
@@ -56,7 +56,7 @@ def test_no_datagram_breaks_a_line(data):
     assert list(parser)[-1].rows == ((3.0, 4.0),)
 
 
-@each(
+@pytest.mark.parametrize(
     ("subscribed", "topic", "name"),
     [
         ("home/barn/temperature", "home/barn/temperature", "temperature"),
@@ -75,7 +75,7 @@ def test_a_topic_names_its_channel(subscribed, topic, name):
 SENSOR = b'{"Time":"2026-11-23T10:00:00","AM2301":{"Temperature":21.3,"Humidity":40}}'
 
 
-@each(
+@pytest.mark.parametrize(
     ("payload", "one", "of_many"),
     [
         (b"21.5", {"s": 21.5}, {"b/s": 21.5}),

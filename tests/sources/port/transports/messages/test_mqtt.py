@@ -8,7 +8,6 @@ import threading
 import numpy as np
 import pytest
 from broker import PASSWORD, USER, broker, publisher
-from each import each
 from program import free_port
 from required import needs, not_here
 
@@ -59,7 +58,7 @@ def refusal(address):
     return str(error.value)
 
 
-@each("text", ["broker", "broker/", "/a", "broker:0/a"])
+@pytest.mark.parametrize("text", ["broker", "broker/", "/a", "broker:0/a"])
 def test_what_is_no_address_of_a_broker(text):
     with pytest.raises(BadSetting, match=r"an address must be mqtt://\[user@\]broker"):
         port_of(f"mqtt://{text}")
