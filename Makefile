@@ -59,7 +59,7 @@ docs: .venv/docs.stamp
 
 # The pictures of docs, from the real dashboard. A test fails where one shows an outdated screen.
 pictures: can-test .venv/test.stamp
-	PYTHONPATH=$(subst $(eval) ,:,$(wildcard tests/support tests/support/*)) $(BIN)/python tests/support/browsers/pictures.py
+	PYTHONPATH=tests/support $(BIN)/python tests/support/pictures.py
 
 # sdist and wheel, each installed in empty environments of every Python found and tried outside the checkout.
 packages: .venv/release.stamp
@@ -74,13 +74,12 @@ format: .venv/check.stamp
 	$(BIN)/ruff format .
 
 bench: .venv/bench.stamp
-	for script in speed start_up slider_latency drag; do $(BIN)/python benchmarks/$$script.py || exit 1; done
+	for script in speed start_up beside_others drag; do $(BIN)/python benchmarks/$$script.py || exit 1; done
 
-# A minute of network sources, half an hour of a live board (MINUTES=2 for a quick look), half an hour of hostile input beside one, a minute of one behind an ssh server, four minutes of floods, two of stopping, then every random test at 25 times its usual effort or more.
+# Half an hour of a live board (MINUTES=2 for a quick look), half an hour of hostile input beside one, a minute of one behind an ssh server, four minutes of floods, two of stopping, then every random test at 25 times its usual effort or more.
 MINUTES ?= 30
 RANDOM_TESTS := $(shell grep -rlE "hypothesis|effort import" tests --include="test_*.py")
 soak: .venv/test.stamp
-	$(BIN)/python benchmarks/network.py
 	$(BIN)/python benchmarks/soak.py --minutes $(MINUTES)
 	$(BIN)/python benchmarks/soak_hostile.py --minutes $(MINUTES)
 	$(BIN)/python benchmarks/live.py --ssh --rate 1000
@@ -116,7 +115,7 @@ can-test:
 	touch $@
 
 .venv/kernels.stamp: .venv/run.stamp
-	$(BIN)/python tests/support/starting/warm_kernels.py
+	$(BIN)/python tests/support/warm_kernels.py
 	touch $@
 
 .venv/collected.stamp: .venv/test.stamp

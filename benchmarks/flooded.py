@@ -30,9 +30,8 @@ from pathlib import Path
 from dashboard_page import PROGRAM, Program, chromium
 from machine import rss_mb
 
-_SUPPORT = Path(__file__).resolve().parents[1] / "tests/support"
-sys.path[:0] = [str(_SUPPORT), str(_SUPPORT / "browsers")]
-from floods import LINES, Flood  # noqa: E402
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests/support"))
+from floods import LINES, Flood
 
 LIMIT_S = 2.0
 """Longest time from SIGTERM to the end that passes, s."""

@@ -23,17 +23,16 @@ from pathlib import Path
 from dashboard_page import PROGRAM
 from machine import cpu_seconds
 
-_SUPPORT = Path(__file__).resolve().parents[1] / "tests" / "support"
-sys.path[:0] = [str(_SUPPORT / name) for name in ("hostile", "browsers", "starting", "")]
-from attack_table import ATTACKS, Victim, seen_by  # noqa: E402
-from hostile_boards import BOARDS, send  # noqa: E402
-from hostile_case import Case  # noqa: E402
-from packed_files import PACKED  # noqa: E402
-from special_files import SPECIAL  # noqa: E402
-from text_files import TEXTS  # noqa: E402
-from wire import Guest  # noqa: E402
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests/support"))
+from attack_table import ATTACKS, Victim, seen_by
+from hostile_boards import BOARDS, send
+from hostile_case import Case
+from packed_files import PACKED
+from special_files import SPECIAL
+from text_files import TEXTS
+from wire import Guest
 
-from kalscope.common.text import count  # noqa: E402
+from kalscope.common.text import count
 
 END_S = 2.0
 """Longest time from SIGTERM to the end of a program that passes, s, on a machine that has a processor for it."""
@@ -274,7 +273,7 @@ class HostileBoards:
 
 
 class WebAttacks:
-    """The attacks of tests/support/browsers/attack_table.py, one after the other."""
+    """The attacks of tests/support/attack_table.py, one after the other."""
 
     def __init__(self, victim: Victim, tally: Tally) -> None:
         self._victim, self._tally, self._number = victim, tally, 0

@@ -148,8 +148,7 @@ def measure(seconds: float, rate: float, channels: int, prefix: str = "") -> Fig
 
 def measure_by_ssh(seconds: float, rate: float, channels: int) -> Figures:
     """One run through a real sshd of this machine."""
-    support = Path(__file__).resolve().parents[1] / "tests/support"
-    sys.path[:0] = [str(support / name) for name in ("simulated_board", "starting", "")]
+    sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests/support"))
     ssh_server = importlib.import_module("ssh_server").ssh_server
     with ExitStack() as stack:
         folder = stack.enter_context(tempfile.TemporaryDirectory())

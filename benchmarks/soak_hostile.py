@@ -1,9 +1,9 @@
 """Half an hour of hostile files, boards and web requests beside a good board: is a line lost, or a file left?
 
 A board on a pseudo-terminal sends 1,000 numbered lines a second to the real dashboard, which records them. Beside
-it the files of `tests/support/hostile` are opened and uploaded, small and large, every fourth cancelled and each
+it the files of the tests are opened and uploaded, small and large, every fourth cancelled and each
 followed by a good one; the boards are recorded by `kalscope record`, every other one ended in the middle; and the
-attacks of tests/support/browsers/attack_table.py are carried out. Exit status 1 where a line of the good board is
+attacks of tests/support/attack_table.py are carried out. Exit status 1 where a line of the good board is
 lost, where an input has another result than it must, where memory grows by more than the samples that are kept,
 where the end takes more than 2 s, or where a process or a temporary file is left.
 

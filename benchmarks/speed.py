@@ -35,13 +35,13 @@ from kalscope import (
     KalmanFilter,
     denoise,
     estimate,
-    estimate_many,
     fuse,
     kalman_filter,
     smooth,
     steady_state,
 )
 from kalscope.estimation.likelihood import log_likelihood
+from kalscope.estimation.many import estimate_many
 
 Array = NDArray[np.float64]
 Run = Callable[[], Any]

@@ -178,7 +178,6 @@ while True:
 
 @pytest.mark.skipif(os.name == "nt", reason="there is no kill -9")
 def test_a_kill_leaves_whole_files(tmp_path):
-    """A few here; benchmarks/kill_export.py kills a hundred times."""
     whole = {"old " * 200_000, "new " * 200_000}
     rng = random.Random(5)
     for turn in range(4):

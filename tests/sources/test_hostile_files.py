@@ -1,7 +1,7 @@
 """No hostile file costs more than it may, or ends in anything but a recording or one line that says why not.
 
-The table is in `tests/support/hostile`. The files are read in processes of their own, whose memory is measured by
-its peak. `make soak` reads the large ones; `benchmarks/hostile.py` prints the table.
+The files are read in processes of their own, whose memory is measured by
+its peak. `make soak` reads the large ones.
 """
 
 from __future__ import annotations

@@ -11,7 +11,7 @@ import sys
 from itertools import chain
 from pathlib import Path
 
-sys.path.append(str(Path(__file__).parents[1] / "support" / "oracles"))
+sys.path.append(str(Path(__file__).parents[1] / "support"))
 
 from truth_cases import HERE, ROOTS, SETS, groups_of, stored
 from truth_differences import changes

@@ -1,6 +1,6 @@
 """Whatever a board sends: every line is in one count, memory is bounded, and what follows is heard.
 
-The table is in `tests/support/hostile`; `make soak` sends more of each, and `benchmarks/hostile.py` prints it.
+The table is in `tests/support/hostile_case.py`; `make soak` sends more of each.
 """
 
 from __future__ import annotations

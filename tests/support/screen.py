@@ -15,7 +15,7 @@ from waiting import PATIENCE, wait_until
 
 from kalscope_app.program.user_settings import FOLDER_VARIABLE, UserSettings
 
-ARTEFACTS = Path(__file__).parents[2] / "artefacts"
+ARTEFACTS = Path(__file__).parents[1] / "artefacts"
 PICTURES = bool(os.environ.get("KALSCOPE_PICTURES"))
 """Whether every step of the browser tests leaves a picture in `ARTEFACTS`."""
 KNOWN_PAGE_ERRORS = (

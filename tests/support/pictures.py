@@ -33,7 +33,7 @@ from kalscope_app.views.goal import MORE_FOLDER
 if TYPE_CHECKING:
     from playwright.sync_api import Browser
 
-DOCS = Path(__file__).parents[3] / "docs"
+DOCS = Path(__file__).parents[2] / "docs"
 FOLDER = DOCS / "pictures"
 STAMPS = Path(__file__).with_name("picture_stamps.json")
 WIDTH, HEIGHT = 1440, 900

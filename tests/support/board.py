@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike
 from waiting import PATIENCE
 
 HERE = Path(__file__).parent
-SKETCHES = HERE.parents[2] / "arduino"
+SKETCHES = HERE.parents[1] / "arduino"
 ARDUINO = Path("/usr/share/arduino/hardware/arduino/avr")
 EEPROM = ARDUINO / "libraries/EEPROM/src"
 SIMAVR = Path("/usr/include/simavr")
