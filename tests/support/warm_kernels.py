@@ -17,13 +17,13 @@ from kalscope import (
     denoise,
     estimate,
     estimate_fusion,
-    estimate_many,
     fuse,
     kalman_filter,
     read_recording,
     smooth,
 )
 from kalscope.analysis.alternatives import compare_alternatives
+from kalscope.estimation.many import estimate_many
 from kalscope.estimation.pool import held_out, pool_of
 from kalscope.export.float32 import filter_float32
 from kalscope.filtering.classic import Butterworth, Exponential, Median, MovingAverage, OneEuro, RunningStages
