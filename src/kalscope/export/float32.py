@@ -245,8 +245,8 @@ def _filter_two_speeds(
 ) -> Floats:
     """`two_speeds.step_two_speeds` in float32."""
     one, half, zero = np.float32(1.0), np.float32(0.5), np.float32(0.0)
-    share, lasting, never = np.float32(SHARE), np.float32(LASTING), np.float32(NEVER)
-    tenth, odd_part, spike = np.float32(0.1), np.float32(1.0 / 120.0), np.float32(SPIKE)
+    share, lasting = np.float32(SHARE), np.float32(LASTING)
+    spike = np.float32(SPIKE)
     x, moving, p = state
     grown_fast, out = fast * q, np.empty(len(z), np.float32)
     for i in range(len(z)):
@@ -260,34 +260,37 @@ def _filter_two_speeds(
             x, p = z[i], ahead / (ahead + r * (one + spikes * (spike - one))) * r
         else:
             v = z[i] - x
-            square, rest, good = half * v * v, one - moving, one - spikes
-            first = 0 if spikes > zero else 2
-            total = mean = squares = left = faster = least = zero
-            for j in range(first, 4):
-                noise, chance = (spike * r, spikes) if j < 2 else (r, good)
-                predicted, part = (before + grown_fast, moving) if j % 2 == 0 else (before + q, rest)
-                certain = one / (predicted + noise)
-                least = square * certain if j == first else least
-                u, k = square * certain - least, predicted * certain
-                weight, power = chance * part * np.sqrt(certain), zero
-                if u < never:
-                    y = u if u < one else u * np.float32(0.125)
-                    even, odd = one + y * y * tenth, y * (half + y * y * odd_part)
-                    power = (even - odd) / (even + odd)
-                    for _ in range(0 if u < one else 3):
-                        power = power * power
-                weight = weight * power
-                part = weight * k
-                total, mean = total + weight, mean + part
-                squares, left = squares + part * k, left + part * noise
-                if j % 2 == 0:
-                    faster = faster + weight
-            whole = one / total
-            k = mean * whole
-            spread = max(squares * whole - k * k, zero)
-            x, moving, p = x + k * v, faster * whole, left * whole + spread * v * v
+            square, slow, quick, good = v * v, before + q, before + grown_fast, one - spikes
+            half_square, wide, w0, c0 = half * square, quick + r, zero, zero
+            c1, c2 = one / wide, one / (slow + r)
+            least = half_square * c1
+            if spikes > zero:
+                c0 = one / (ahead + spike * r)
+                least = min(least, half_square * c0)
+                w0 = spikes * np.sqrt(c0 * wide) * _exp_minus(half_square * c0 - least)
+            w1 = good * moving * _exp_minus(half_square * c1 - least)
+            w2 = good * (one - moving) * np.sqrt(c2 * wide) * _exp_minus(half_square * c2 - least)
+            whole = one / (w0 + w1 + w2)
+            w0, w1, w2 = w0 * whole, w1 * whole, w2 * whole
+            k0, k1, k2 = ahead * c0, quick * c1, slow * c2
+            a0, a1, a2 = w0 * k0, w1 * k1, w2 * k2
+            k = a0 + a1 + a2
+            spread = max(a0 * k0 + a1 * k1 + a2 * k2 - k * k, zero)
+            x, moving, p = x + k * v, w1 + w0 * moving, (spike * a0 + a1 + a2) * r + spread * square
         out[i] = x
     return out
+
+
+@compiled(inner=True)
+def _exp_minus(u: np.float32) -> np.float32:
+    """`two_speeds.exp_minus` in float32."""
+    if u >= np.float32(NEVER):
+        return np.float32(0.0)
+    even, odd = np.float32(1.0) + u * u * np.float32(1.0 / 3072.0), u * np.float32(0.03125)
+    power = (even - odd) / (even + odd)
+    for _ in range(4):
+        power = power * power
+    return power
 
 
 # A channel as a small board filters it, in float32: by Kalman or a classic filter, or either after a median.

@@ -1,10 +1,10 @@
 """The compiled loop of the filter with two speeds, nothing else: calm at rest, quick while the signal moves.
 
-The signal rests, with process noise q, or moves, with fast q; a reading is good, with noise r, or a spike, with
-SPIKE r. From one x and p each of the four hypotheses predicts and updates; then they are merged into one x and p
-again, weighted by their probabilities: generalised pseudo-Bayes of first order (Ackerson & Fu 1970, IEEE Trans.
-Autom. Control 15(1); Bar-Shalom, Li & Kirubarajan 2001, section 11.6.4). What is carried on is the probability of
-moving, by a Markov chain; spikes come one by one.
+The signal rests, with process noise q, or moves, with fast q; or the reading is a spike, with noise SPIKE r, which
+says nothing about the motion. From one x and p each of the three hypotheses predicts and updates; then they are
+merged into one x and p again, weighted by their probabilities: generalised pseudo-Bayes of first order (Ackerson &
+Fu 1970, IEEE Trans. Autom. Control 15(1); Bar-Shalom, Li & Kirubarajan 2001, section 11.6.4). What is carried on is
+the probability of moving, by a Markov chain; spikes come one by one.
 
 A device must compute the same digits, so nothing here is left to a library's exponential function.
 """
@@ -34,17 +34,15 @@ NEVER = 32.0
 
 @compiled(plain=True, inner=True, inline="always")
 def exp_minus(u: float) -> float:
-    """Exp(-u) of u ≥ 0 by arithmetic alone, to 1e-4 where u ≤ 8: Padé's (3, 3) of u, from 1 on of u/8."""
+    """Exp(-u) of u ≥ 0 by arithmetic alone, to 1e-3 where u ≤ 8: the 16th power of Padé's (2, 2) of u/16."""
     if u >= NEVER:
         return 0.0
-    y = u if u < 1.0 else u * 0.125
-    even, odd = 1.0 + y * y * 0.1, y * (0.5 + y * y * (1.0 / 120.0))
+    even, odd = 1.0 + u * u * (1.0 / 3072.0), u * 0.03125
     power = (even - odd) / (even + odd)
-    if u >= 1.0:
-        power *= power
-        power *= power
-        power *= power
-    return power
+    power *= power
+    power *= power
+    power *= power
+    return power * power
 
 
 @compiled(plain=True, forceinline=True)
@@ -68,30 +66,25 @@ def step_two_speeds(
     if math.isnan(x):  # p0 is given, x0 is this first reading
         return (y, moving, ahead / s * r, 0.0, 0.0), ahead / s, math.nan, s, 1.0, 0.0, START
     v = y - x
-    half, rest, good = 0.5 * v * v, 1.0 - moving, 1.0 - spikes
-    slow, quick = p + grown, p + grown_fast
-    first = 0 if spikes > 0.0 else 2
-    total = mean = square = left = faster = least = 0.0
-    for i in range(first, 4):  # the widest first: its exponent is the smallest, and so one weight always stays
-        noise, chance = (SPIKE * r, spikes) if i < 2 else (r, good)
-        before, share = (quick, moving) if i % 2 == 0 else (slow, rest)
-        certain = 1.0 / (before + noise)
-        exponent = half * certain
-        if i == first:
-            least = exponent
-        k = before * certain
-        weight = chance * share * math.sqrt(certain) * exp_minus(exponent - least)
-        part = weight * k
-        total += weight
-        mean += part
-        square += part * k
-        left += part * noise
-        if i % 2 == 0:
-            faster += weight
+    square, slow, quick, good = v * v, p + grown, p + grown_fast, 1.0 - spikes
+    half, wide = 0.5 * square, quick + r
+    c0, c1, c2, w0 = 0.0, 1.0 / wide, 1.0 / (slow + r), 0.0
+    least = half * c1  # the smallest exponent: one weight always stays
+    if spikes > 0.0:
+        c0 = 1.0 / (ahead + SPIKE * r)
+        least = min(least, half * c0)
+        w0 = spikes * math.sqrt(c0 * wide) * exp_minus(half * c0 - least)
+    w1 = good * moving * exp_minus(half * c1 - least)
+    w2 = good * (1.0 - moving) * math.sqrt(c2 * wide) * exp_minus(half * c2 - least)
+    total = w0 + w1 + w2
     whole = 1.0 / total
-    k = mean * whole
-    spread = max(square * whole - k * k, 0.0)  # of the gains, and so of the hypotheses' x
-    state = (x + k * v, faster * whole, left * whole + spread * v * v, 0.0, 0.0)
+    w0, w1, w2 = w0 * whole, w1 * whole, w2 * whole
+    k0, k1, k2 = ahead * c0, quick * c1, slow * c2
+    a0, a1, a2 = w0 * k0, w1 * k1, w2 * k2
+    k = a0 + a1 + a2
+    spread = max(a0 * k0 + a1 * k1 + a2 * k2 - k * k, 0.0)  # of the gains, and so of the hypotheses' x
+    state = (x + k * v, w1 + w0 * moving, (SPIKE * a0 + a1 + a2) * r + spread * square, 0.0, 0.0)
+    total *= math.sqrt(c1)
     return state, k, v, s, total, least, UPDATED
 
 

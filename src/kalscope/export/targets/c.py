@@ -161,7 +161,7 @@ def code_in_c(job: ExportJob, linkage: str = "") -> dict[str, str]:
 
 def two_speeds_of(number: Callable[[float], str]) -> dict[str, str]:
     """The constants of every filter with two speeds, as texts."""
-    constants = {"share": SHARE, "lasting": LASTING, "spike": SPIKE, "never": NEVER, "odd": 1.0 / 120.0}
+    constants = {"share": SHARE, "lasting": LASTING, "spike": SPIKE, "never": NEVER, "even": 1.0 / 3072.0}
     return {name: number(value) for name, value in constants.items()}
 
 

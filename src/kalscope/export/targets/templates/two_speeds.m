@@ -30,41 +30,31 @@ for kk = 1:numel(z)
         xk = zk; Kk = Pk / S; Pk = Pk / S * R;
     else
         v = zk - xk;
-        half = 0.5 * v * v;
-        noises = [$spike * R, $spike * R, R, R];
-        added = [fast * Q, Q, fast * Q, Q];
-        chances = [spikes * moving, spikes * (1 - moving), (1 - spikes) * moving, (1 - spikes) * (1 - moving)];
-        first = 1 + 2 * (spikes == 0);  % moving or at rest, each with a spike or a good sample: the widest first
-        total = 0; mean_K = 0; squares = 0; left = 0; faster = 0;
-        for i = first:4
-            certain = 1 / (before + added(i) + noises(i));
-            K = (before + added(i)) * certain;
-            if i == first
-                least = half * certain;
-            end
-            u = half * certain - least;
-            y = u;  % e^-u by arithmetic alone: the same digits in every language
-            if u >= 1
-                y = u * 0.125;
-            end
-            even = 1 + y * y * 0.1;
-            odd = y * (0.5 + y * y * $odd);
-            power = (even - odd) / (even + odd) * (u < $never);
-            for j = 1:3 * (u >= 1)
-                power = power * power;
-            end
-            weight = chances(i) * sqrt(certain) * power;
-            part = weight * K;
-            total = total + weight;
-            mean_K = mean_K + part;
-            squares = squares + part * K;
-            left = left + part * noises(i);
-            faster = faster + weight * mod(i, 2);
+        square = v * v;
+        % hypotheses: a spike, moving, at rest; the exponent of each is at least that of the first two
+        noises = [$spike * R, R, R];
+        predicted = [Pk, before + fast * Q, before + Q];
+        certain = 1 ./ (predicted + noises);
+        certain(1) = certain(1) * (spikes > 0);
+        wide = predicted(2) + R;
+        u = 0.5 * square * certain;
+        u = u - min(u(1 + (spikes == 0):2));
+        even = 1 + u .* u * $even;  % e^-u by arithmetic alone: the same digits in every language
+        odd = u * 0.03125;
+        power = (even - odd) ./ (even + odd);
+        for i = 1:4
+            power = power .* power;
         end
-        whole = 1 / total;
-        Kk = mean_K * whole;
-        moving = faster * whole;
-        Pk = left * whole + max(squares * whole - Kk * Kk, 0) * v * v;
+        chances = [spikes, (1 - spikes) * moving, (1 - spikes) * (1 - moving)];
+        roots = [sqrt(certain(1) * wide), 1, sqrt(certain(3) * wide)];
+        weights = chances .* roots .* (power .* (u < $never));
+        weights = weights * (1 / (weights(1) + weights(2) + weights(3)));
+        gains = predicted .* certain;
+        a = weights .* gains;
+        Kk = a(1) + a(2) + a(3);
+        spread = max(a(1) * gains(1) + a(2) * gains(2) + a(3) * gains(3) - Kk * Kk, 0);
+        moving = weights(2) + weights(1) * moving;
+        Pk = ($spike * a(1) + a(2) + a(3)) * R + spread * square;
         xk = xk + Kk * v;
     end
     buff_xk(kk) = xk;
