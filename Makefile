@@ -28,7 +28,7 @@ export PYTHONDONTWRITEBYTECODE :=
 # Four workers by default: on two cores two of them wait for a board or a browser at any time.
 # Each begins with its share of the long tests (tests/conftest.py), so that they end together.
 WORKERS ?= 4
-PYTEST = $(BIN)/python -m pytest -n $(WORKERS) --dist worksteal
+PYTEST = $(BIN)/python -m pytest -n $(WORKERS) --dist loadfile --no-loadscope-reorder
 
 test: can-test .venv/warm.stamp
 	$(PYTEST)

@@ -6,11 +6,11 @@ import atexit
 import gc
 import os
 import signal
-from collections import defaultdict
+import subprocess
 from collections.abc import Iterator
 from functools import cache
-from itertools import chain, islice
 from pathlib import Path
+from types import ModuleType
 
 import numpy as np
 import pytest
@@ -18,7 +18,6 @@ import typer
 from board_fixtures import start_board, stream_sketch, workshop
 from effort import EXAMPLES, FUZZ
 from hypothesis import settings
-from markers import mark
 from waiting import PATIENCE
 
 from kalscope.cli.app import COMMANDS
@@ -30,11 +29,18 @@ __all__ = ["start_board", "stream_sketch", "workshop"]  # fixtures for every fol
 ROOT = Path(__file__).parents[1]
 SHARED_DATA = ROOT.parent / "shared" / "data"
 
-LONG = {"browser": 30, "device": 2, "server": 1, "slow": 1}
-"""Markers of tests that take long, and about how many times as long as a slow one."""
-
-STARTED = {"attack_table", "forked", "program"}
-"""Modules whose programs come from the fork server that a worker keeps to its end."""
+STARTERS = {
+    "attack_table",
+    "forked",
+    "headless",
+    "kalscope_app.guard.server",
+    "kalscope_app.worker.worker",
+    "program",
+    "wire",
+}
+"""Modules whose functions and classes start or meet a server or the program."""
+ORDER = ["browser", "device", "server", "slow"]
+"""The markers of long tests, the longest first."""
 
 # No deadline: a busy machine is no failure. The ordinary run repeats its examples; `make soak` looks for new ones.
 settings.register_profile("kalscope", max_examples=EXAMPLES, deadline=None, derandomize=FUZZ == 1)
@@ -55,10 +61,26 @@ def pytest_configure() -> None:
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark what needs a browser, a simulated board, a server or another process: each worker begins with some."""
+    """Mark each test by what it or its module starts, and begin with the files whose tests take longest."""
+    ranks = dict[Path, int]()
     for item in items:
-        mark(item)
-    items[:] = in_shares(items, int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1")))
+        fixtures = set(getattr(item, "fixturenames", ()))
+        for marker, starters in (("browser", {"browser", "firefox"}), ("device", {"workshop"})):
+            if fixtures & starters:
+                item.add_marker(marker)
+        if starts_a_process(item.module):
+            item.add_marker("server")
+        rank = min((i for i, marker in enumerate(ORDER) if item.get_closest_marker(marker)), default=len(ORDER))
+        ranks[item.path] = min(rank, ranks.get(item.path, rank))
+    items.sort(key=lambda item: ranks[item.path])
+
+
+@cache
+def starts_a_process(module: ModuleType) -> bool:
+    """Whether a test module imports what starts a process, a server or a pseudo-terminal."""
+    return any(
+        value is subprocess or getattr(value, "__module__", None) in STARTERS for value in vars(module).values()
+    )
 
 
 def pytest_collection_finish() -> None:
@@ -66,41 +88,6 @@ def pytest_collection_finish() -> None:
     gc.freeze()
     gc.enable()
     atexit.register(gc.unfreeze)
-
-
-def in_shares(items: list[pytest.Item], workers: int) -> list[pytest.Item]:
-    """The items in the equal shares that xdist gives its workers, each with as much work of long tests first.
-
-    The long tests of a file stay together, because they may share a program. Those with a browser or the program
-    stay on half of the workers: each of these starts its own. The short ones, of which a worker that is done takes
-    from the others, keep all of them busy to the end.
-    """
-    files, short = defaultdict[Path, list[pytest.Item]](list), list[pytest.Item]()
-    for item in items:
-        (files[item.path] if work_of(item) else short).append(item)
-    shares, work = [list[pytest.Item]() for _ in range(workers)], [0] * workers
-    for amount, file in sorted(
-        ((sum(map(work_of, file)), file) for file in files.values()), key=lambda one: -one[0]
-    ):
-        place = work.index(min(work[: (workers + 1) // 2] if starts_a_program(file) else work))
-        shares[place].extend(file)
-        work[place] += amount
-    left = iter(short)
-    for place, share in enumerate(shares):
-        full = len(items) * (place + 1) // workers - len(items) * place // workers
-        share.extend(islice(left, max(full - len(share), 0)))
-    return [*chain(*shares), *left]
-
-
-def work_of(item: pytest.Item) -> int:
-    """How long a test takes beside the others; 0 = not long."""
-    return max((work for marker, work in LONG.items() if item.get_closest_marker(marker)), default=0)
-
-
-def starts_a_program(items: list[pytest.Item]) -> bool:
-    """Whether any test needs a browser, or its module the fork server."""
-    named = {getattr(value, "__module__", None) for value in vars(items[0].module).values()}
-    return bool(named & STARTED) or any(item.get_closest_marker("browser") for item in items)
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -1,6 +1,6 @@
 """The verdict table: over a hundred filters on known records, and laws that hold for each row's words.
 
-`python tests/support/verdict_states.py` prints the rows.
+`python tests/truth/verdict_states.py` prints the rows.
 """
 
 from __future__ import annotations

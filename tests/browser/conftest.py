@@ -10,10 +10,17 @@ from typing import TYPE_CHECKING
 
 import pytest
 from chromium import CHROMIUM, FLAGS
-from firefox import CHANNEL, FIREFOX, PREFERENCES
 from required import not_here
 from screen import Screen, dashboard
 from shared_page import SharedPage, shared_page
+
+FIREFOX = next(filter(None, map(shutil.which, ("firefox-esr", "firefox"))), None)
+CHANNEL = "moz-firefox"
+"""Playwright's name for a Firefox that it has not patched."""
+PREFERENCES = {
+    "webgl.disabled": True,  # nobody needs WebGL: as in the Chromium of the tests
+}
+
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, Playwright

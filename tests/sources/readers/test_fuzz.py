@@ -3,6 +3,7 @@
 100 files in the ordinary run; `make soak` runs the 10,000 that the project promises.
 """
 
+import codecs
 import random
 import re
 
@@ -12,10 +13,22 @@ from both_ways import assert_same_by_line
 from effort import FUZZ
 from hypothesis import given
 from hypothesis import strategies as st
-from raw_bytes import decoded
 
 from kalscope.errors import KalscopeError
 from kalscope.sources.reading.line_parser import LineParser
+
+
+def decoded(data):
+    """The text of these bytes: UTF-16 where they say so, else UTF-8, else Latin-1."""
+    if data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        return data.decode("utf-16", "replace")
+    if data.startswith(codecs.BOM_UTF8):
+        return data.decode("utf-8-sig", "replace")
+    try:
+        return data.decode("utf-8")
+    except UnicodeDecodeError:
+        return data.decode("latin-1")
+
 
 pytestmark = pytest.mark.slow
 

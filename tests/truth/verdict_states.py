@@ -1,6 +1,6 @@
 """States of (signal, q, r, p0, gate, momentum, start) whose verdicts must not contradict the data.
 
-    PYTHONPATH=src python tests/support/verdict_states.py
+    PYTHONPATH=src python tests/truth/verdict_states.py
 
 prints the words of each beside the tests behind them, to be read by eye.
 """
