@@ -88,6 +88,7 @@ def write_output(chunks: Iterator[str], output: Path | None) -> None:
 def open_stdout() -> Generator[BinaryIO]:
     """Standard output as bytes (Windows would add carriage returns), as `writes_stdout`."""
     with writes_stdout():
+        sys.stdout.flush()  # what is printed before comes first
         yield sys.stdout.buffer
 
 
