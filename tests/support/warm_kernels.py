@@ -33,6 +33,7 @@ from kalscope.papers.generalized import GeneralizedParams
 SAMPLES = 30_000
 """More than a loop takes as plain Python."""
 PLAIN, MOVING = FilterParams(0.1, 1.0), FilterParams(0.1, 1.0, momentum=5.0)
+TWO_SPEEDS = FilterParams(0.1, 1.0, fast=100.0, spikes=0.01)
 TWO = {"r": [1.0, 2.0], "offset": [0.0, 0.5], "gain": [1.0, 1.0]}
 
 rng = np.random.default_rng(1)
@@ -45,6 +46,7 @@ live = z.copy()
 live.flags.writeable = False  # as the samples of a board, for which the loops are compiled once more
 for params in (PLAIN, MOVING):
     for samples in (z, live):
+        kalman_filter(samples, TWO_SPEEDS)
         denoise(samples, params)
         kalman_filter(samples, params)
         smooth(samples, params)
@@ -56,6 +58,7 @@ RunningStages(classic, np.float32).take(z.astype(np.float32), np.empty(0))
 compare_alternatives(live, PLAIN)
 for method in ("ml", "moments"):
     estimate(spiky, method=method)
+estimate(z[:2000], two_speeds=True)
 estimate_many([z[:400], spiky])
 GeneralizedParams(1.0).run(np.abs(z) + 1.0)
 pool_of([z[:400], spiky])
