@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
-from kalscope import BadSetting, FilterParams, denoise, kalman_filter, smooth
+from kalscope import BadSetting, FilterParams, denoise, estimate, kalman_filter, smooth
 from kalscope.filtering.filter import KalmanFilter
 from kalscope.filtering.two_speeds import SPIKE, START_MOVING, STOP_MOVING
 
@@ -108,3 +108,17 @@ def test_the_smoother_is_closer_to_the_truth():
 def test_what_two_speeds_cannot_be_is_refused(refused):
     with pytest.raises(BadSetting):
         FilterParams(**{"q": 1.0, "r": 1.0, **refused})
+
+
+def spiky(rng):
+    spikes = 30.0 * (rng.random(1000) < 0.04) * rng.choice([-1, 1], 1000)
+    return np.cumsum(0.17 * rng.normal(size=1000)) + rng.normal(size=1000) + spikes
+
+
+def rounded(rng):
+    return 4.0 * np.round((np.cumsum(0.3 * rng.normal(size=300)) + rng.normal(size=300)) / 4.0)
+
+
+@pytest.mark.parametrize(("kind", "seed"), [(spiky, 34), (spiky, 53), (rounded, 7), (rounded, 51)])
+def test_large_spikes_and_coarse_readings_do_not_pass_for_movement(kind, seed):
+    assert estimate(kind(np.random.default_rng(seed)), two_speeds=True).params.fast is None

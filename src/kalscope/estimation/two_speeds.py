@@ -33,6 +33,10 @@ _LEAST = np.log([1e-5, 1e-6, 1e-4, 1e-5])
 _MOST = np.log([1e2, 1e6, 0.1, 1e3])
 """Limits of what is searched: ln(q/r), ln(r over that of one speed), ln(spikes), ln(fast q/r)."""
 
+ROUNDED = 0.02
+"""What the log-likelihood must gain more a sample where all of r is rounding, which looks like a rest between two steps
+of the sensor: 0.007 in simulations."""
+
 SURE = 2.0
 """Standard errors by which the errors of prediction must be smaller."""
 
@@ -60,27 +64,30 @@ class TwoSpeeds:
 
     gain: float
     """Share by which the mean size of the prediction errors is smaller."""
+    rounding: float
+    """Share of r that is rounding."""
 
     def is_clear(self, loglik: float = -math.inf) -> bool:
         """Whether two speeds are likelier than one, and than a filter of this `loglik`, by enough.
 
         The margin is larger than that of one parameter: the search tries many factors (prototype: no false choice).
         """
-        return (
-            self.loglik - max(self.one_loglik, loglik) > 1.5 * math.log(max(self.samples, 1)) + 3.0
-            and self.better > SURE
-        )
+        margin = 1.5 * math.log(max(self.samples, 1)) + 3.0 + ROUNDED * self.rounding * self.samples
+        return self.loglik - max(self.one_loglik, loglik) > margin and self.better > SURE
 
 
-def fit_two_speeds(z: Array, steps: Array, one: FilterParams) -> TwoSpeeds:
-    """Search two speeds over checked samples z, shape (n,), from the fit `one`; `steps` empty = regular."""
+def fit_two_speeds(z: Array, steps: Array, one: FilterParams, least_r: float = 0.0) -> TwoSpeeds:
+    """Search two speeds over checked samples z, shape (n,), from the fit `one`; `steps` empty = regular.
+
+    `least_r` is the variance of rounding: below it a filter would follow each step of the sensor.
+    """
     first, rows = max(0, (len(z) - SEARCHED) // 2), z.reshape(-1, 1)
     part, periods = rows[first : first + SEARCHED], steps[first : first + SEARCHED]
 
     def params_at(at: Array) -> FilterParams:
         limited = np.clip(at, _LEAST[: len(at)], _MOST[: len(at)])
         ratio, size, spikes, *moving = np.exp(limited).tolist()
-        r, spikes = size * float(one.r), spikes if spikes > NONE else 0.0
+        r, spikes = max(size * float(one.r), least_r), spikes if spikes > NONE else 0.0
         return FilterParams(ratio * r, r, fast=max(moving[0] / ratio, 1.0) if moving else 1.0, spikes=spikes)
 
     from scipy.optimize import minimize
@@ -105,13 +112,15 @@ def fit_two_speeds(z: Array, steps: Array, one: FilterParams) -> TwoSpeeds:
     ]
     best = search(min(search(begin, 60) for begin in begins)[1], 200)
     alone = search(min(*alone, search(best[1][:3], 60))[1], 120)
-    two, single = (_run(rows, steps, params_at(np.array(end[1]))) for end in (best, alone))
+    params = params_at(np.array(best[1]))
+    two, single = (_run(rows, steps, one) for one in (params, params_at(np.array(alone[1]))))
     return TwoSpeeds(
-        params_at(np.array(best[1])),
+        params,
         float(two.loglik),
         float(single.loglik),
         int(two.m),
         *_better(single, two),
+        rounding=least_r / float(params.r),
     )
 
 
@@ -126,12 +135,13 @@ def clear_two_speeds(best: Estimate | None, z: Array, steps: Array) -> TwoSpeeds
     q, r = (q, r) if min(q, r) > MIN_R else (noise_scale(z), noise_scale(z))
     if not MIN_R < min(q, r) <= max(q, r) < 1.0 / MIN_R:
         return None
-    found = fit_two_speeds(z, steps, FilterParams(q, r))
+    found = fit_two_speeds(z, steps, FilterParams(q, r), float(best.resolution) ** 2 / 12.0)
     rival = best.loglik if best.momentum and best.outliers is None else -math.inf
     if not found.is_clear(rival):
         return None
-    if best.params is not None:  # its gate may deal with spikes that are larger than those of the hypothesis
-        fit, two = (_run(z.reshape(-1, 1), steps, params) for params in (best.params, found.params))
+    if best.params is not None:  # both without the spikes, which may be larger than those of the hypothesis
+        rows = (z if best.outliers is None else np.where(best.outliers, np.nan, z)).reshape(-1, 1)
+        fit, two = (_run(rows, steps, params) for params in (best.params, found.params))
         if _better(fit, two)[0] <= SURE:
             return None
     return found

@@ -132,7 +132,7 @@ TARGETS = MappingProxyType(
 _NEEDS = (
     ("chain", "a median and classic filters", "use the Kalman filter alone in every channel"),
     ("momentum", "momentum", "set the momentum to 0"),
-    ("two_speeds", "two speeds", "fit one speed"),
+    ("two_speeds", "two speeds, which no single q and r replace", "fit one speed"),
 )
 """What some targets lack, in words, and what to do without it."""
 
