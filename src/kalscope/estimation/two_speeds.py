@@ -34,8 +34,8 @@ _MOST = np.log([1e2, 1e6, 0.1, 1e3])
 """Limits of what is searched: ln(q/r), ln(r over that of one speed), ln(spikes), ln(fast q/r)."""
 
 ROUNDED = 0.02
-"""What the log-likelihood must gain more a sample where all of r is rounding, which looks like a rest between two steps
-of the sensor: 0.007 in simulations."""
+"""What the log-likelihood must gain more a sample where all of r is rounding: between two steps of the sensor the
+readings stand still, which looks like a rest (0.007 in simulations)."""
 
 SURE = 2.0
 """Standard errors by which the errors of prediction must be smaller."""
