@@ -15,7 +15,6 @@ from waiting import wait_until
 
 from kalscope import BadSetting, ChannelTuning, Tuning, export_tuning, load_tuning, save_tuning
 from kalscope.cli import app as cli
-from kalscope.cli.export import CHOICES
 from kalscope.export.registry import TARGETS, write_files
 
 
@@ -147,8 +146,11 @@ def test_a_mistake_is_one_line_and_status_2(tuning_file, capfd, arguments, said,
     assert not (tuning_file.parent / "out").exists()
 
 
-def test_the_help_names_every_target():
-    assert CHOICES.split(", ") == list(TARGETS)
+def test_the_list_explains_every_target(capfd):
+    assert cli.run(["export", "--to", "list"]) == 0
+    lines = capfd.readouterr().out.splitlines()
+    assert [line.split()[0] for line in lines] == list(TARGETS)
+    assert lines[0].endswith(TARGETS["arduino"].what)
 
 
 def test_no_name_leaves_the_folder(tmp_path):

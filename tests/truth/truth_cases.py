@@ -45,7 +45,7 @@ FilterModel = ks.FilterParams
 def targets() -> Any:
     from kalscope.export.registry import TARGETS
 
-    return tuple(TARGETS)
+    return tuple(name for name, each in TARGETS.items() if each.setting is None)
 
 
 def pooled_fits(series: Any, dt: Any) -> Iterator[tuple[str, Any]]:

@@ -79,20 +79,26 @@ class Alternative:
 
 def at_lag(lag: float, bench: Bench) -> tuple[Alternative, ...]:
     """Every candidate at the setting whose lag is nearest to `lag` samples, > 0."""
-    # The bilinear transform keeps the delay at frequency 0: √2/Ω with Ω = 2 tan(π f).
-    cutoff = math.atan(math.sqrt(0.5) / lag) / math.pi
+    return tuple(of_stage(stage_at_lag(kind, lag, bench), bench) for kind in SENTENCES)
 
-    def lag_of(stage: Stage) -> float:
-        return bench.lag(partial(run_stage, stage=stage))
 
-    stages = (
-        classic.MovingAverage(min(round(2.0 * lag) + 1, bench.longest_window)),
-        classic.Exponential(1.0 / (1.0 + lag)),
-        classic.Median(_odd(2.0 * lag + 1.0, bench)),
-        classic.Butterworth(min(max(cutoff, classic.MIN_CUTOFF), classic.MAX_CUTOFF)),
-        one_euro(_bisect(lambda share: lag - lag_of(one_euro(share, bench)), *EURO_SHARES), bench),
-    )
-    return tuple(of_stage(stage, bench) for stage in stages)
+def stage_at_lag(kind: type[Stage], lag: float, bench: Bench) -> Stage:
+    """The classic filter of a kind whose lag is nearest to `lag` samples, > 0; only one-euro needs the samples."""
+    if kind is classic.MovingAverage:
+        return classic.MovingAverage(min(round(2.0 * lag) + 1, bench.longest_window))
+    if kind is classic.Exponential:
+        return classic.Exponential(1.0 / (1.0 + lag))
+    if kind is classic.Median:
+        return classic.Median(_odd(2.0 * lag + 1.0, bench))
+    if kind is classic.Butterworth:
+        # The bilinear transform keeps the delay at frequency 0: √2/Ω with Ω = 2 tan(π f).
+        cutoff = math.atan(math.sqrt(0.5) / lag) / math.pi
+        return classic.Butterworth(min(max(cutoff, classic.MIN_CUTOFF), classic.MAX_CUTOFF))
+
+    def misses(share: float) -> float:
+        return lag - bench.lag(partial(run_stage, stage=one_euro(share, bench)))
+
+    return one_euro(_bisect(misses, *EURO_SHARES), bench)
 
 
 def at_noise(gain: float, bench: Bench) -> tuple[Alternative, ...]:

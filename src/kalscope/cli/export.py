@@ -15,14 +15,31 @@ if TYPE_CHECKING:
     from kalscope.recording import Recording
     from kalscope.tuning.tuning import Tuning
 
-CHOICES = "arduino, c, python, matlab, javascript, json, esphome"
-"""The targets; repeated here, so that --help need not import the filter."""
+
+def _list_targets(target: str) -> str:
+    """Print the targets, each with what it is, where they are asked for; else the target as it is."""
+    if target != "list":
+        return target
+    from kalscope.cli.console import write_output
+    from kalscope.export.registry import TARGETS
+
+    write_output((f"{name:24}{each.what}\n" for name, each in TARGETS.items()), None)
+    raise typer.Exit
 
 
 @reads_source
 def export_command(
     tuning: Annotated[Path, typer.Argument(metavar="TUNING", help="Tuning file with q and r.")],
-    target: Annotated[str, typer.Option("--to", metavar="TARGET", help=f"One of {CHOICES}.")],
+    target: Annotated[
+        str,
+        typer.Option(
+            "--to",
+            metavar="TARGET",
+            callback=_list_targets,
+            is_eager=True,
+            help="Such as arduino or esphome; list explains each.",
+        ),
+    ],
     output: Annotated[
         Path | None,
         typer.Option("-o", "--output", metavar="DIR", help="Folder to write to; default: the main file on stdout."),

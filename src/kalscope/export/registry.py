@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from difflib import get_close_matches
+from functools import partial
 from pathlib import Path, PurePosixPath
 from types import MappingProxyType
 from typing import Literal
@@ -16,6 +17,7 @@ import numpy as np
 from kalscope.errors import BadSetting
 from kalscope.export.float32 import float32_tuning, runs_kalman
 from kalscope.export.job import ExportJob, job_of
+from kalscope.export.settings import SETTINGS, Setting, files, matched
 from kalscope.export.targets import arduino, c, esphome, parameters, scripts
 from kalscope.filtering.params import FilterParams
 from kalscope.filtering.steady import steady_state
@@ -88,6 +90,8 @@ class Target:
     """Whether it computes in float32, at least on an AVR board."""
     can_calibrate: bool = False
     """Whether it has code that measures r on the device, `files(job, calibration=True)`."""
+    setting: Setting | None = None
+    """What it is where it is a setting of another program's filter: each channel gets that filter first."""
 
 
 TARGETS = MappingProxyType(
@@ -126,6 +130,7 @@ TARGETS = MappingProxyType(
             is_float32=True,
         ),
     }
+    | {name: Target(partial(files, name, row), row.title, row.what, setting=row) for name, row in SETTINGS.items()}
 )
 """The targets, by name."""
 
@@ -171,7 +176,10 @@ def export_tuning(
         near = "".join(f"; did you mean {name}?" for name in get_close_matches(target, TARGETS, 1))
         raise BadSetting(f"target must be one of {', '.join(TARGETS)} (got {target!r}{near})")
     chosen = tuning.only(channel)
-    job = job_of(chosen if sample_period is None else rescaled_to_period(chosen, sample_period))
+    chosen = chosen if sample_period is None else rescaled_to_period(chosen, sample_period)
+    if (setting := TARGETS[target].setting) is not None:
+        chosen = matched(chosen, setting, vectors)
+    job = job_of(chosen)
     for need, words, instead in _NEEDS:
         if getattr(job, f"has_{need}") and need in TARGETS[target].lacks:
             able = ", ".join(name for name, each in TARGETS.items() if need not in each.lacks)
@@ -184,10 +192,8 @@ def export_tuning(
         got = "calibration" if calibration else "fused sensors" if job.fuses else target
         raise BadSetting(f"minimal must be for arduino, the filters of channels and no calibration (got {got})")
     extra = {name: True for name, on in (("calibration", calibration), ("minimal", minimal)) if on}
-    files = TARGETS[target].files(job, **extra)
-    if vectors is not None:
-        files |= vector_files(job, vectors)
-    return files
+    texts = TARGETS[target].files(job, **extra)
+    return texts if vectors is None else texts | vector_files(job, vectors)
 
 
 # What float32 cannot do, reported before the export.

@@ -41,7 +41,7 @@ def undated(files):
     return {name: re.sub(r"\d{4}-\d\d-\d\dT[\d:]+Z", "", text) for name, text in files.items()}
 
 
-@pytest.mark.parametrize("target", list(TITLES.values()))
+@pytest.mark.parametrize("target", sorted(set(TITLES.values()) - {"one-euro"}))
 def test_the_files_are_those_of_the_setting_on_screen(state, target):
     for name, choice in (("a", Choice(target)), (None, Choice(target, all_channels=True))):
         assert undated(files_of(state, choice)) == undated(export_tuning(state.as_tuning(), target, channel=name))

@@ -295,7 +295,7 @@ def test_other_refusals_say_what_helps(tmp_path):
     assert "float cannot hold the values of level" in failed.value.stderr
 
 
-@pytest.mark.parametrize("target", TARGETS)
+@pytest.mark.parametrize("target", [name for name, each in TARGETS.items() if each.setting is None])
 def test_a_name_from_outside_stays_in_comments_and_strings(target):
     name = '*/ #define x\n"); system("\\'
     plain = replace(PAIR, name="level", sensors=("sonar", "float"))
