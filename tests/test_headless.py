@@ -41,12 +41,11 @@ import sys
 import kalscope_app.dashboard
 print(*sys.modules)
 import kalscope_app.guard.server
-from kalscope_app.engine.filter_runs import choose_samples
 from kalscope_app.engine.frame import compute_frame
 from kalscope_app.open_command import first_state
 from kalscope.sources.grammar.read_options import DEFAULTS
 state = first_state("demo", DEFAULTS, None)
-compute_frame(state, 0, choose_samples(state.recording, state.channel, None))
+compute_frame(state)
 print(*sys.modules)
 from kalscope.cli.app import run
 run(["filter", "sample:nile", "--q", "1469", "--r", "15100"])

@@ -25,15 +25,7 @@ from kalscope_app.session.changes import as_it_was_left
 from kalscope_app.session.opening import later_answers, with_firsts
 from kalscope_app.session.session import Session
 from kalscope_app.session.state import State
-from kalscope_app.studies.checks import (
-    compute_allan,
-    compute_checks,
-    compute_spectra,
-    judge_sensors,
-    still_stretch,
-    two_speeds_in,
-)
-from kalscope_app.studies.comparisons import compute_alternatives, compute_overview, compute_variants
+from kalscope_app.studies import checks, comparisons
 from kalscope_app.studies.tuning_map import compute_map
 from kalscope_app.views.board import BoardView, compared
 from kalscope_app.views.chart_tabs import AllanView, AlternativesView, ChannelsView, SpectrumView
@@ -74,11 +66,9 @@ class Dashboard:
         self._server, self.notifications = server, Notifications(server, log_file)
         tell = self.notifications.tell
         self._port_jobs = Jobs(tell)  # a port must not wait for a long search
-        self._connection = BoardConnection(self._port_jobs)
+        self._connection = BoardConnection(self._port_jobs, state.live and state.live.board)
         self._settings = UserSettings()
         state = state.with_view(map_shown=self._settings.has("map_shown"))
-        if state.live is not None:
-            self._connection.adopt(state.live.board)
         self.session = Session(state, self._connection)
         self._jobs, self._worker = Jobs(tell), Worker()
         self._panels = Panels(server)
@@ -89,11 +79,10 @@ class Dashboard:
         self._map = TuningMapView(self.session)
         self._phones = PhonePictures()
         self._build(folder)
-        judge, still = partial(judge_sensors, kept=Cache()), partial(still_stretch, kept=Cache())
-        speeds = partial(two_speeds_in, kept=Cache())
-        make_map = partial(compute_map, kept=Cache())
+        judge, still = partial(checks.judge_sensors, kept=Cache()), partial(checks.still_stretch, kept=Cache())
+        speeds, make_map = partial(checks.two_speeds_in, kept=Cache()), partial(compute_map, kept=Cache())
         rounds = [
-            self._study(partial(compute_variants, kept=Cache()), self._variants.show_table),
+            self._study(partial(comparisons.compute_variants, kept=Cache()), self._variants.show_table),
             Study(
                 lambda state: (state, make_map(state)) if state.view.map_shown else None,
                 lambda answer: self._draw(answer, self._map.show),  # not as a batch: frames must not wait for it
@@ -101,14 +90,14 @@ class Dashboard:
             ),
             self._study(compared, self._board.show_check),
             self._study(
-                lambda state: judge(state) or compute_checks(state, still, speeds),
+                lambda state: judge(state) or checks.compute_checks(state, still, speeds),
                 *(self._verdict.show_checks, self._checks.show, self._fusion.show_judged),
             ),
             self._study(lambda state: device_notes(state, self._code.choice), self._code.show_notes),
-            self._study(partial(compute_overview, kept=Cache()), self._channels.show_overview),
-            self._study(compute_spectra, self._spectrum.show),
-            self._study(compute_allan, self._allan.show),
-            self._study(partial(compute_alternatives, kept=Cache()), self._alternatives.show),
+            self._study(partial(comparisons.compute_overview, kept=Cache()), self._channels.show_overview),
+            self._study(checks.compute_spectra, self._spectrum.show),
+            self._study(checks.compute_allan, self._allan.show),
+            self._study(partial(comparisons.compute_alternatives, kept=Cache()), self._alternatives.show),
             Study(self._keep_tuning, lambda _kept: None, lambda error: log.info("not kept: %s", describe(error))),
         ]
         self.engine = Engine(self.session, self.show, tell, Studies(rounds), self._fail)

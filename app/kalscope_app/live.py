@@ -13,7 +13,6 @@ from kalscope.common.progress import Progress
 from kalscope.errors import BadDevice, BadFile, BadSetting, Cancelled, KalscopeError, describe
 from kalscope.export.board import BoardAnswer, FixedFilter, board_filter, commands, measure, values_in_use
 from kalscope.export.float32 import float32_params, float32_tuning, runs_kalman
-from kalscope.sources.live.samples import Snapshot
 from kalscope.sources.live.source import LiveSource
 from kalscope.sources.port.registry import PortSpec
 from kalscope.sources.recorder import Recorder, first_free
@@ -28,17 +27,13 @@ from kalscope_app.session.state import BoardCalibration, ConnectionState, Sent, 
 class BoardConnection:
     """The board that is connected, or is being waited for, and those that Undo may return to."""
 
-    def __init__(self, jobs: Jobs) -> None:
-        """Args: separate jobs, because a port must not wait for a long search."""
+    def __init__(self, jobs: Jobs, first: LiveSource | None = None) -> None:
+        """Args: separate jobs, because a port must not wait for a long search; what the first State shows."""
         self._jobs = jobs
         self._lock = threading.Lock()  # of all that follows: the engine and jobs change it
-        self._connected: LiveSource | None = None
+        self._connected = first
         self._left: LiveSource | None = None  # closed only because something else was opened
         self._awaited: LiveSource | None = None  # connected, but its request has not been applied yet
-
-    def adopt(self, source: LiveSource) -> None:
-        """Take over a source that the first State shows; `start` connects it."""
-        self._connected = source
 
     def start(self) -> None:
         """Connect the source, if there is one; does nothing if it is connected already."""
@@ -236,7 +231,8 @@ def send_setting(state: State, source: LiveSource) -> Sent:
     *values, restart = commands(wanted, target.number, knows_momentum=used.momentum is not None)
     for line in values:
         values_in_use(source, line)
-    row = _rows(source.snapshot())
+    snapshot = source.snapshot()
+    row = 0 if snapshot is None else snapshot.first + len(snapshot.recording)
     answer = _used(values_in_use(source, restart)[-1], wanted.median)
     # x0 and gate stay those of the export.
     return Sent(state.record_key, state.channel, target.filtered, state.params, answer.applied_to(wanted), row)
@@ -257,7 +253,3 @@ def _used(answer: BoardAnswer | FixedFilter, median: int) -> BoardAnswer:
             f" (got {median}): {again}"
         )
     return answer
-
-
-def _rows(snapshot: Snapshot | None) -> int:
-    return 0 if snapshot is None else snapshot.first + len(snapshot.recording)

@@ -9,9 +9,16 @@ from waiting import wait_until as wait_for
 
 from kalscope import estimate_fusion, fuse
 from kalscope.sources.live.source import LiveSource
-from kalscope_app.engine.filter_runs import FilterRuns, choose_samples
+from kalscope_app.engine.filter_runs import FilterRuns
 from kalscope_app.engine.frame import compute_frame
-from kalscope_app.session.changes import apply_estimate, candidates, opened_live, refreshed, set_taking_part
+from kalscope_app.session.changes import (
+    apply_estimate,
+    candidates,
+    opened_live,
+    refreshed,
+    set_span,
+    set_taking_part,
+)
 
 pytestmark = pytest.mark.device
 SKETCH = SKETCHES / "kalscope_stream/kalscope_stream.ino"
@@ -43,6 +50,4 @@ def test_two_sensors_of_a_board_are_fused_as_they_come_in(start_board, workshop)
 
 
 def line_of(state, runs):
-    channel, *others = state.measured
-    drawn = choose_samples(state.recording, channel, None, others=tuple(others))
-    return compute_frame(state, 0, drawn, runs).filtered
+    return compute_frame(set_span("all")(state), runs=runs).filtered

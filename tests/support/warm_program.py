@@ -18,7 +18,7 @@ import kalscope_app.views.window
 from kalscope.catalogue import open_source
 from kalscope.cli.app import COMMANDS, function_of, run
 from kalscope.export import registry  # noqa: F401
-from kalscope_app.engine.filter_runs import Cache, choose_samples
+from kalscope_app.engine.filter_runs import Cache
 from kalscope_app.engine.frame import compute_frame
 from kalscope_app.guard.requests import served_page
 from kalscope_app.main import add_dashboard
@@ -27,7 +27,7 @@ from kalscope_app.studies import checks, comparisons, tuning_map
 from kalscope_app.views.window import page_script
 
 STUDIES = (
-    lambda state: compute_frame(state, 0, choose_samples(state.recording, state.channel, None)),
+    compute_frame,
     partial(comparisons.compute_variants, kept=Cache()),
     partial(tuning_map.compute_map, kept=Cache()),
     checks.compute_checks,

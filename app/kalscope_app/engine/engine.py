@@ -12,17 +12,9 @@ from functools import partial
 from typing import Any
 
 from kalscope.errors import KalscopeError
-from kalscope_app.engine.filter_runs import (
-    MAX_POINTS,
-    Cache,
-    DrawnSamples,
-    Facts,
-    FilterRuns,
-    choose_samples,
-    facts_of,
-)
+from kalscope_app.engine.filter_runs import FilterRuns
 from kalscope_app.engine.frame import Frame, compute_frame
-from kalscope_app.session.changes import live_window, studied
+from kalscope_app.session.changes import studied
 from kalscope_app.session.session import Session
 from kalscope_app.session.state import State
 
@@ -188,9 +180,6 @@ MIN_INTERVAL = 0.04
 LIVE_INTERVAL = 0.045
 """Seconds between two frames of a live record: 22 a second."""
 
-MAX_LIVE_POINTS = 2000
-"""Points that a line is drawn with while a board sends, at most: every frame draws all of them again."""
-
 STATUS_INTERVAL = 0.5
 """Seconds after which a live record without new samples is drawn if its status has changed."""
 
@@ -228,8 +217,7 @@ class Engine:
         self._studies = studies
         self._stopping = threading.Event()
         self._thread = threading.Thread(target=self._run, name="kalscope-engine", daemon=True)
-        self._samples = Cache[DrawnSamples]()
-        self._runs, self._facts = FilterRuns(), Cache[Facts]()
+        self._runs = FilterRuns()
         self._frame: Frame | None = None
         self._schedule = Schedule()
         self._begun = self._frame_at = self._news_at = self._study_at = -math.inf
@@ -313,14 +301,7 @@ class Engine:
         return now - self._news_at < SETTLING or self._session.connection() != last.connection
 
     def _show_frame(self, state: State, serial: int) -> None:
-        limit = MAX_POINTS if state.live is None else MAX_LIVE_POINTS
-        (channel, *others), window = state.measured, live_window(state)
-        facts = self._facts.once(lambda: facts_of(state.recording, channel), state.recording, channel)
-        drawn = self._samples.once(
-            lambda: choose_samples(state.recording, channel, window, limit, facts, others=tuple(others)),
-            *(state.recording, state.measured, window, limit),
-        )
-        frame = compute_frame(state, serial, drawn, self._runs, self._session.connection())
+        frame = compute_frame(state, serial, self._runs, self._session.connection())
         last, self._frame, self._frame_at = self._frame, frame, time.monotonic()
         whole = last is None or not is_move(last.state, state)
         self._show_parts(self._schedule.begin(self._frame_at, whole=whole))

@@ -15,6 +15,7 @@ from kalscope.filtering.classic import ChainFilter
 from kalscope.filtering.filter import Filter, FilterResult, GrowingRun, StandardFilter, filter_at, kalman_filter
 from kalscope.filtering.steady import SteadyState
 from kalscope.recording import Recording
+from kalscope_app.session.changes import live_window
 from kalscope_app.session.state import State
 
 # Results that are kept while nothing they depend on has changed.
@@ -76,6 +77,8 @@ def facts_of(recording: Recording, channel: str) -> Facts:
 MAX_POINTS = 4000
 """Points that a line is drawn with, at most."""
 
+MAX_LIVE_POINTS = 2000
+"""The same while a board sends: every frame draws all of them again."""
 
 DENSE = 2000
 """Samples in the window from which a raw line is drawn as a band: about two to each pixel of a wide chart."""
@@ -220,12 +223,23 @@ class FilterRuns:
 
     def __init__(self) -> None:
         self._live, self._kept = Cache[_LiveRun](), Cache[Any]()
+        self._facts, self._samples = Cache[Facts](), Cache[DrawnSamples]()
 
     def begin(self, state: State) -> None:
         """A new frame begins."""
         scope = (state.record_key, state.measured, state.recording.gaps)
         self._live.begin(*scope)
         self._kept.begin(*scope)
+
+    def choose(self, state: State) -> DrawnSamples:
+        """The samples to draw of what is on screen."""
+        recording, (channel, *others), window = state.recording, state.measured, live_window(state)
+        limit = MAX_POINTS if state.live is None else MAX_LIVE_POINTS
+        facts = self._facts.once(lambda: facts_of(recording, channel), recording, channel)
+        return self._samples.once(
+            lambda: choose_samples(recording, channel, window, limit, facts, others=tuple(others)),
+            *(recording, state.measured, window, limit),
+        )
 
     def of(self, state: State, used: Filter) -> FilterResult:
         """What is on screen, filtered by another filter or its own."""

@@ -95,24 +95,20 @@ class Frame:
 
 
 def compute_frame(
-    state: State,
-    serial: int,
-    drawn: DrawnSamples,
-    runs: FilterRuns | None = None,
-    connection: ConnectionState = NO_CONNECTION,
+    state: State, serial: int = 0, runs: FilterRuns | None = None, connection: ConnectionState = NO_CONNECTION
 ) -> Frame:
     """Filter the channel on screen over the whole recording and pick what is drawn.
 
     Args:
         state: what to show.
         serial: the requests that are in it.
-        drawn: the samples to draw.
         runs: the runs of earlier frames; None = filter again.
         connection: the state of the connection to the live board.
     """
     recording = state.recording
     runs = runs or FilterRuns()
     runs.begin(state)
+    drawn = runs.choose(state)
     (result, gain, whole), at = runs.drawn(state, drawn), drawn.indices
     steady = runs.settled(state, whole or result)
     start_up = samples_to_settle(gain, len(recording), steady.gain) if state.has_gain else 0

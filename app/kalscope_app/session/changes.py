@@ -30,15 +30,7 @@ from kalscope.sources.live.source import LiveSource
 from kalscope.tuning.choose import name_of_fused
 from kalscope.tuning.file import loads
 from kalscope.tuning.tuning import ChannelTuning, Tuning, chain_text, typed_chain
-from kalscope_app.session.opening import (
-    MOST_CHANNELS,
-    adapted,
-    first_answer,
-    not_fitted,
-    opened,
-    with_first_answer,
-    with_sample_period,
-)
+from kalscope_app.session import opening
 from kalscope_app.session.state import (
     LINKS,
     MAX_SENSORS,
@@ -186,7 +178,7 @@ def apply_found(state: State, recording: Recording, channel: str, found: FitResu
 def set_sample_period(state: State, text: str) -> State:
     """The time between two samples was typed, s; an empty box is what the recording says."""
     period = typed_number("sample period", text) if text.strip() else None
-    return state if period == state.typed_period else with_sample_period(state, period)
+    return state if period == state.typed_period else opening.with_sample_period(state, period)
 
 
 # Changes of the momentum τ of the channel on screen: by its slider, or typed in samples or as a time.
@@ -268,11 +260,6 @@ def use_chain(state: State, chain: Chain) -> State:
     return replace(after, note=f"{words} runs now; Undo reverts it.")
 
 
-def use_kalman_filter(state: State) -> State:
-    """The Kalman filter alone again, at the q and r that it had."""
-    return state.with_standard_filter()
-
-
 @requested
 def set_median(state: State, words: str) -> State:
     """Put a median before the filter that runs, or none."""
@@ -303,7 +290,7 @@ def select_channel(state: State, name: str) -> State:
         return state
     channel = state.channel if fused else name
     state = replace(state.with_reset_view(), channel=channel, shows_fused=fused, searched=None, note="")
-    return state if fused else with_first_answer(state)
+    return state if fused else opening.with_first_answer(state)
 
 
 def channel_named(recording: Recording, text: str) -> str:
@@ -464,7 +451,7 @@ def at_device(state: State, fleet: Fleet, i: int) -> State:
     name = one_line(fleet.devices.name(i))[:80]
     if fleet.devices.reasons[i]:
         return replace(state, note=f"{name} has no q and r: {one_line(fleet.devices.reasons[i])[:200]}.")
-    return adapted(state, device_tuning(fleet, i), f"{name} at its own filter.")
+    return opening.adapted(state, device_tuning(fleet, i), f"{name} at its own filter.")
 
 
 # Changes of the pinned settings.
@@ -624,7 +611,7 @@ def uploaded_settings(name: str, content: bytes) -> Tuning:
 @requested
 def use_settings(state: State, tuning: Tuning, name: str) -> State:
     """The values of a file, called `name`, become those of the channels of the same names; one undoable change."""
-    return adapted(state, tuning, f"Loaded {one_line(name)[:80]}.")
+    return opening.adapted(state, tuning, f"Loaded {one_line(name)[:80]}.")
 
 
 @requested
@@ -633,16 +620,13 @@ def as_it_was_left(state: State, tuning: Tuning) -> State:
     if state.recording.source != tuning.source or state.tunings != state.starts:
         return state
     try:
-        after = adapted(state, tuning, "The filter is as you left it: Undo gives the starting values.")
+        after = opening.adapted(state, tuning, "The filter is as you left it: Undo gives the starting values.")
     except BadSetting:  # the file has other channels now
         return state
-    # Older versions also kept filters that nobody had changed.
-    pairs = zip(state.tunings, after.tunings, strict=True)
-    tunings = tuple(now if kept.how == "starting values" else kept for now, kept in pairs)
-    if (tunings, after.fused) == (state.tunings, state.fused):
+    if (after.tunings, after.fused) == (state.tunings, state.fused):
         return state
     chosen = state.channel != default_channel(state.recording)  # on the command line
-    return replace(after, tunings=tunings, channel=state.channel if chosen else after.channel)
+    return replace(after, channel=state.channel if chosen else after.channel)
 
 
 # A live board in the State: its window follows the newest sample or is paused; `refreshed` adds new samples.
@@ -680,10 +664,10 @@ def opened_live(board: LiveSource, title: str, before: State | None = None, tuni
         before: what was on screen.
         tuning: values to begin with, for the channels of the same names; None = measured on the first samples.
     """
-    live = Live(board, deferred=() if tuning is None else (lambda state: adapted(state, tuning),))
+    live = Live(board, deferred=() if tuning is None else (lambda state: opening.adapted(state, tuning),))
     # Until it has sent something, two missing samples are on screen.
     waiting = Recording(np.arange(2.0), ("signal",), ("",), np.full((2, 1), np.nan), None, title=title)
-    return replace(opened(waiting, before), note="", live=live)
+    return replace(opening.opened(waiting, before), note="", live=live)
 
 
 def when_settled(state: State, change: Change) -> State:
@@ -730,11 +714,11 @@ def _begun(state: State, snapshot: Snapshot) -> State:
     lasted = float(recording.time[-1] - recording.time[begin])
     settled = len(recording) - begin >= START_SAMPLES or lasted >= START_SECONDS
     head = _part(recording, begin, begin + START_SAMPLES)
-    found = tuple(
-        (first_answer if i < MOST_CHANNELS else not_fitted)(_part(recording, first, first + START_SAMPLES), name)
-        for i, (first, name) in enumerate(zip(firsts, recording.names, strict=True))
-    )
-    fresh = with_first_answer(opened(head, state, found))
+    found = list[Outcome]()
+    for i, (first, name) in enumerate(zip(firsts, recording.names, strict=True)):
+        answer = opening.first_answer if i < opening.MOST_CHANNELS else opening.not_fitted
+        found.append(answer(_part(recording, first, first + START_SAMPLES), name))
+    fresh = opening.with_first_answer(opening.opened(head, state, tuple(found)))
     last, now = state.live and state.live.snapshot, recording.names
     before = last.recording.names if last else ()
     if last is not None and (last.generation == snapshot.generation or before == now[: len(before)] != now):

@@ -7,7 +7,6 @@ from collections.abc import Callable
 
 import viser
 
-from kalscope.common.progress import Progress
 from kalscope.common.text import count, duration, number, typed_number
 from kalscope.export.board import Calibrated, measured_text, set_kept
 from kalscope_app.engine.frame import Frame
@@ -72,8 +71,7 @@ class CalibrationView:
         self._running = seconds
         self._session.request(changes.set_calibration(None))  # its frame says that it measures
         try:
-            with self._measuring as job:
-                progress = Progress(job.report, job.is_cancelled)
+            with self._measuring as progress:
                 measured = measured_by_board(state, source, seconds, progress)
         finally:
             self._ended, self._running = time.monotonic(), None

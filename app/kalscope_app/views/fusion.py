@@ -127,14 +127,13 @@ class FusionView:
         from kalscope.estimation.fusion import estimate_fusion
 
         columns, known = readings_of(state, sensors), studied(state)
-        with self._running as running:
+        with self._running as progress:
             found = estimate_fusion(
                 known.recording.values[:, columns],
                 dt=known.dt,
                 names=sensors,
                 reference=reference,
-                progress=running.report,
-                cancelled=running.is_cancelled,
+                progress=progress,
             )
         self._session.request(apply_estimate(state.recording, sensors, found), failed=Failed.FUSE)
 

@@ -279,14 +279,13 @@ class GoalView:
     def _search(self, state: State, request: Request | None) -> None:
         if request is None:
             return
-        with self._running as running:
+        with self._running as progress:
             found = find_parameters(
                 state.z,
                 request,
                 dt=state.dt,
                 sample_period=state.recording.sample_period,
-                progress=running.report,
-                cancelled=running.is_cancelled,
+                progress=progress,
             )
         self._session.request(apply_found(state.recording, state.channel, found))
 

@@ -357,7 +357,7 @@ class SourceView:
         def work() -> None:
             with self._reading as job:
                 read, name = partial(reader, options), one_line(what)[:MAX_NAME]
-                recording = self._worker.run(read, name, job.report, job.is_cancelled)
+                recording = self._worker.run(read, name, job)
             self._again = (recording.source, recording.title), reader
 
             def show(state: State) -> State:

@@ -140,7 +140,7 @@ class ChainView:
         self._text = gui.add_markdown("", visible=False)
         hint = "At the q and r that it had; Undo reverts it."
         self._back = gui.add_button("Back to the Kalman filter", visible=False, hint=hint)
-        on_user(self._back.on_click, lambda _client: session.request(changes.use_kalman_filter))
+        on_user(self._back.on_click, lambda _client: session.request(State.with_standard_filter))
 
     def show(self, frame: Frame) -> None:
         """Follow the frame."""

@@ -10,6 +10,7 @@ from typing import Any, TypeVar
 
 import viser
 
+from kalscope.common.progress import Progress
 from kalscope.common.text import percent, squared
 from kalscope_app.engine.frame import Frame
 from kalscope_app.guard.viser_private import set_ends
@@ -95,19 +96,14 @@ class SlowJob:
         self._bar = gui.add_progress_bar(0.0, visible=False)
         self._cancel = add_button(gui, "Cancel", hint, lambda _client: self._stop.set(), visible=False)
 
-    def __enter__(self) -> SlowJob:
+    def __enter__(self) -> Progress:
         self._stop, self._start = threading.Event(), time.monotonic()  # Cancel stops what runs, not what waits
-        return self
+        return Progress(self._report, self._stop.is_set)
 
     def __exit__(self, *_error: object) -> None:
         self._bar.visible = self._cancel.visible = False
 
-    def is_cancelled(self) -> bool:
-        """Whether the job is to stop."""
-        return self._stop.is_set()
-
-    def report(self, fraction: float, _text: str) -> None:
-        """Show how far the job is."""
+    def _report(self, fraction: float, _text: str) -> None:
         if time.monotonic() - self._start > MIN_SECONDS:
             self._bar.value = min(max(100.0 * fraction, 0.0), 100.0)
             self._bar.visible = self._cancel.visible = True

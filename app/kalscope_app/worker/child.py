@@ -34,7 +34,8 @@ MEMORY_SHARE = 0.8
 MAX_CPU_S = 1800
 """Processor time of a task, s: ends even one that cannot be interrupted after the dashboard was killed."""
 PART = 1 << 24
-"""Bytes of an array that are sent at a time: the pipe of Python holds what it receives twice."""
+"""Bytes of an array that are sent at a time: the pipe of Python holds what it receives twice. For a recording of
+480 MB this process takes 0.5 GB and the dashboard 0.5 GB, against 1.4 and 0.9 with `pipe.send` alone."""
 
 
 def send(pipe: Connection, message: Any) -> None:

@@ -19,7 +19,7 @@ from contextlib import suppress
 from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 from kalscope.common.files import does_not_fit
-from kalscope.common.progress import OnProgress
+from kalscope.common.progress import Progress
 from kalscope.errors import BadFile, Cancelled, NoMemory
 from kalscope_app.worker.child import MAX_CPU_S, main, receive, send
 
@@ -56,34 +56,29 @@ class Worker:
         with self._starting:
             self._replace()
 
-    def run(
-        self,
-        work: Callable[..., T],
-        what: str,
-        progress: OnProgress | None = None,
-        cancelled: Callable[[], bool] | None = None,
-    ) -> T:
+    def run(self, work: Callable[..., T], what: str, progress: Progress | None = None) -> T:
         """Do `work` in the process and return what it returned.
 
         Args:
             work: The task; it and its answer can be pickled, and arrays are sent as they are.
             what: What is read, for messages.
-            progress: Called with the progress, again and again; `work` then takes a `progress` by name.
-            cancelled: Whether to stop: the process is then ended at once.
+            progress: Called again and again; where it reports, `work` takes a `progress` by name. To cancel it ends
+                the process at once.
 
         Raises:
             BadFile: the task crashed the process, reported nothing for MAX_SILENCE_S, or took too long.
-            Cancelled: `cancelled()` was true, or the worker was closed.
+            Cancelled: `progress` was cancelled, or the worker was closed.
             NoMemory: the task or its answer does not fit into the memory.
             KalscopeError, OSError: what the task raised.
             RuntimeError: the task raised something else, which is named.
         """
+        progress = progress or Progress()
         with self._one_at_a_time:
             self.warm_up()
             if self._is_closed:
                 raise Cancelled("the program is ending")
             try:
-                kind, answer = self._answer((work, progress is not None), what, progress, cancelled)
+                kind, answer = self._answer((work, progress.report is not None), what, progress)
             except BaseException as error:  # the rest of the answer may still be in the pipe
                 with self._starting, suppress(OSError):  # the next task tries again, and reports why it fails
                     self._replace()
@@ -94,13 +89,7 @@ class Worker:
             raise does_not_fit(what) from None
         raise answer
 
-    def _answer(
-        self,
-        task: tuple[Callable[..., T], bool],
-        what: str,
-        progress: OnProgress | None,
-        cancelled: Callable[[], bool] | None,
-    ) -> tuple[str, Any]:
+    def _answer(self, task: tuple[Callable[..., T], bool], what: str, progress: Progress) -> tuple[str, Any]:
         """What the process answers to a task, "done" or "failed"."""
         fraction, text, reported_at = 0.0, "", time.monotonic()
         try:
@@ -111,10 +100,7 @@ class Worker:
                     if kind != "progress":
                         return kind, answer
                     (fraction, text), reported_at = answer, time.monotonic()
-                if cancelled is not None and cancelled():
-                    raise Cancelled("the task was cancelled before it was finished")
-                if progress is not None:
-                    progress(fraction, text)
+                progress(fraction, text)
                 if time.monotonic() - reported_at > MAX_SILENCE_S:
                     raise BadFile(
                         f"{what} must show progress every {MAX_SILENCE_S:g} s while it is read (got none)"

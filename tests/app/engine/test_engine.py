@@ -10,7 +10,6 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from frames import frame_of
 from hypothesis import given
 from hypothesis import strategies as st
 from waiting import PATIENCE, wait_until
@@ -18,7 +17,7 @@ from waiting import PATIENCE, wait_until
 from kalscope import FilterParams, Recording, diagnose, kalman_filter, steady_state
 from kalscope_app.engine.engine import DELAYS, Engine, Part, Schedule, Studies, Study, is_move
 from kalscope_app.engine.filter_runs import MAX_POINTS, choose_samples
-from kalscope_app.engine.frame import samples_to_settle
+from kalscope_app.engine.frame import compute_frame, samples_to_settle
 from kalscope_app.session.changes import pin_present, select_channel, set_exponent, set_text, set_window
 from kalscope_app.session.opening import opened
 from kalscope_app.session.session import Session
@@ -223,7 +222,7 @@ def test_never_more_than_the_limit_is_drawn_and_all_of_a_short_record(n, truth):
 def test_what_is_drawn_is_the_filter_on_all_samples():
     state = opened(recording(missing=0.01))
     result = kalman_filter(state.recording.channel("z"), state.params)
-    frame = frame_of(state)
+    frame = compute_frame(state)
     at = frame.drawn.indices
     assert frame.drawn.decimated
     assert np.array_equal(frame.filtered, result.x[at])
@@ -266,10 +265,10 @@ def test_the_chart_marks_the_samples_that_the_gate_rejected_as_often_as_all_coun
     one = recording(n=900)
     one.values[[100, 400, 401], 0] += 40.0
     state = opened(one).with_tuning(gate=16.0)
-    frame = frame_of(state)
+    frame = compute_frame(state)
     result = kalman_filter(one.channel("z"), state.params)
     assert frame.refused is not None
     assert int(np.isfinite(frame.refused).sum()) == frame.rejected == result.rejected >= 3
     assert frame.rejected == diagnose(result).evidence.refused
     assert set(np.flatnonzero(np.isfinite(frame.refused))) >= {100, 400, 401}
-    assert frame_of(state.with_tuning(gate=None)).refused is None
+    assert compute_frame(state.with_tuning(gate=None)).refused is None

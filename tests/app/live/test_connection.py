@@ -35,54 +35,53 @@ class Source:
 
 
 @pytest.fixture
-def connection():
-    return BoardConnection(SimpleNamespace(run=lambda work: work()))
+def board():
+    """A board of the command line, on screen."""
+    return Source()
 
 
 @pytest.fixture
-def board(connection):
-    """A board of the command line, connected and on screen."""
-    source = Source()
-    board = SimpleNamespace(id=source, source=source)
-    connection.adopt(source)
+def connection(board):
+    """Its connection."""
+    connection = BoardConnection(SimpleNamespace(run=lambda work: work()), board)
     connection.start()
-    return board
+    return connection
 
 
 FILE = Recording(np.arange(50.0), ("z",), ("",), np.random.default_rng(0).normal(size=(50, 1)), 1.0)
 
 
 def test_a_board_is_closed_once_a_file_is_on_screen_and_undo_reconnects_it(connection, board):
-    session = Session(opened_live(board.id, "x"), connection)
+    session = Session(opened_live(board, "x"), connection)
     session.apply_requests()
-    assert board.source.calls == ["start"]
+    assert board.calls == ["start"]
     session.request(lambda state: opened(FILE, state))
     session.apply_requests()
-    assert (board.source.calls[1:], connection.source) == (["close"], None)
+    assert (board.calls[1:], connection.source) == (["close"], None)
     assert not session.connection().connected
     session.request(undo)
     session.apply_requests()
-    assert (board.source.calls[2:], connection.source) == (["start"], board.source)
+    assert (board.calls[2:], connection.source) == (["start"], board)
     assert session.connection().status == "status"
 
 
 def test_a_board_that_is_recorded_stays_connected_behind_a_file(connection, board):
-    board.source.recorder = object()
+    board.recorder = object()
     connection.look_at(None)
     state = connection.state(None)
     assert (state.connected, state.recording, state.status) == (True, True, "status")
-    board.source.recorder = None
+    board.recorder = None
     connection.look_at(None)
-    assert board.source.calls == ["start", "close"]
+    assert board.calls == ["start", "close"]
 
 
 def test_another_board_is_not_closed_before_the_session_shows_it(connection, board, monkeypatch):
     monkeypatch.setattr("kalscope_app.live.LiveSource", Source)
-    session = Session(opened_live(board.id, "x"), connection)
+    session = Session(opened_live(board, "x"), connection)
     connection.open(session, None)
     other = connection.source
-    connection.look_at(board.id)
-    assert (board.source.calls, other.calls) == (["start", "close"], ["start"])
+    connection.look_at(board)
+    assert (board.calls, other.calls) == (["start", "close"], ["start"])
     state = session.apply_requests()[0]
     assert connection.source is state.live.board
     connection.look_at(None)
@@ -91,7 +90,7 @@ def test_another_board_is_not_closed_before_the_session_shows_it(connection, boa
 
 def test_a_board_is_closed_where_a_later_request_of_the_same_turn_shows_a_file(connection, board, monkeypatch):
     monkeypatch.setattr("kalscope_app.live.LiveSource", Source)
-    session = Session(opened_live(board.id, "x"), connection)
+    session = Session(opened_live(board, "x"), connection)
     connection.open(session, None)
     other = connection.source
     session.request(lambda state: opened(FILE, state))

@@ -43,8 +43,7 @@ class Desk:
     def __init__(self, board):
         self.board, self.told, self.widgets = board, [], Widgets()
         source = LiveSource(board.port)
-        self.connection = BoardConnection(Jobs(self.tell))
-        self.connection.adopt(source)
+        self.connection = BoardConnection(Jobs(self.tell), source)
         self.state = opened_live(source, "board")
         self.session = Session(self.state, self.connection)
         self.view = CalibrationView(self.widgets, self.session, self.tell, self.connection)

@@ -45,10 +45,8 @@ def test_filters_are_written_once_for_each_change(tmp_path):
     assert [tuning.channels[0].q for tuning in written] == [state.tuning.q, 7.0]
 
 
-def test_a_file_opens_as_it_was_left_but_for_the_guess_of_an_older_version(tmp_path):
+def test_a_file_opens_as_it_was_left(tmp_path):
     (tmp_path / "log.csv").write_text("t,a,b\n" + "".join(f"{i},{i % 7}.5,{i % 5}.25\n" for i in range(60)))
     state = opened(open_source(str(tmp_path / "log.csv")))
-    guess = ChannelTuning("a", "", 7.0, 9.0, how="starting values")
-    chosen = ChannelTuning("b", "", 7.0, 9.0, how="by hand")
-    after = as_it_was_left(Tuning((guess, chosen), source=state.recording.source, sample_period=1.0))(state)
-    assert after.tunings == (state.tunings[0], chosen)
+    kept = (state.tunings[0], ChannelTuning("b", "", 7.0, 9.0, how="by hand"))
+    assert as_it_was_left(Tuning(kept, source=state.recording.source, sample_period=1.0))(state).tunings == kept

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from frames import frame_of
 
 from kalscope.errors import BadSetting
 from kalscope.filtering.classic import Butterworth, Chain, Exponential, Median, MovingAverage, OneEuro
@@ -12,6 +11,7 @@ from kalscope.recording import Recording
 from kalscope.tuning.file import dumps, loads
 from kalscope.tuning.tuning import chain_text, typed_chain
 from kalscope_app.engine.filter_runs import Cache
+from kalscope_app.engine.frame import compute_frame
 from kalscope_app.session import changes
 from kalscope_app.session.changes import pin_present, set_median, use_chain, use_variant
 from kalscope_app.session.opening import opened
@@ -42,7 +42,7 @@ def state(recording):
 def test_every_chain_is_drawn_shared_saved_and_reopened_bit_for_bit(state):
     for chain in CHAINS:
         tuned = use_chain(chain)(state)
-        assert np.array_equal(frame_of(tuned).filtered, tuned.tuning.filter.run(tuned.z).x, equal_nan=True)
+        assert np.array_equal(compute_frame(tuned).filtered, tuned.tuning.filter.run(tuned.z).x, equal_nan=True)
         loaded = changes.use_settings(loads(dumps(tuned.as_tuning())), "t.toml")(state)
         assert loaded.tuning == tuned.tuning
         assert typed_chain(chain_text(chain)) == chain
@@ -60,7 +60,7 @@ def test_a_chain_is_pinned_beside_the_kalman_filter_and_used_again(state):
     assert not failures
     assert [pin.tuning.chain for pin in tuned.variants] == [None, Chain(5, EURO)]
     assert use_variant("B")(tuned).tuning.chain == Chain(5, EURO)
-    for curve, pin in zip(frame_of(tuned).variants, tuned.variants, strict=True):
+    for curve, pin in zip(compute_frame(tuned).variants, tuned.variants, strict=True):
         assert np.array_equal(curve, pin.tuning.filter.run(tuned.z).x, equal_nan=True)
     current, kalman, euro = table_text(compute_variants(tuned, Cache())).split("\n")[2:5]
     assert "Median of 3, then Kalman" in current.replace("\u00a0", " ")

@@ -7,13 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from feed import Board
-from frames import frame_of
 
 from kalscope import BadSetting, Recording, load_tuning, save_tuning
 from kalscope.filtering.filter import GrowingRun, fuse
 from kalscope.filtering.params import FilterParams
 from kalscope.tuning.tuning import ChannelTuning
 from kalscope_app.engine.filter_runs import FilterRuns
+from kalscope_app.engine.frame import compute_frame
 from kalscope_app.session import changes
 from kalscope_app.session.changes import apply_fusion, select_channel, set_taking_part, set_text, stop_fusing
 from kalscope_app.session.opening import adapted, opened, opened_raw
@@ -50,7 +50,7 @@ def test_one_sensor_and_sensors_of_two_units_are_refused():
 
 
 def test_fused_sensors_are_on_screen_in_place_of_the_channel(state):
-    frame, expected = frame_of(state), fuse(state.readings, params())
+    frame, expected = compute_frame(state), fuse(state.readings, params())
     assert np.array_equal(frame.filtered, expected.x)
     assert np.array_equal(frame.spread, 2.0 * np.sqrt(expected.p))
     assert frame.rejected == expected.rejected.sum()
@@ -65,8 +65,8 @@ def test_a_sensor_that_drops_out_changes_line_shares_and_no_other_sensor(state):
     without = set_taking_part("c", False)(state)
     shares = without.fusion.shares
     assert shares == {"a": pytest.approx(0.2), "b": pytest.approx(0.8), "c": 0.0}
-    assert np.array_equal(frame_of(without).filtered, fuse(without.readings, params().only([0, 1])).x)
-    assert [one.name for one in frame_of(without).sensors] == ["a", "b"]
+    assert np.array_equal(compute_frame(without).filtered, fuse(without.readings, params().only([0, 1])).x)
+    assert [one.name for one in compute_frame(without).sensors] == ["a", "b"]
     assert set_taking_part("c", True)(without).settings == state.settings
     with pytest.raises(BadSetting, match="at least one sensor"):
         set_taking_part("a", False)(set_taking_part("b", False)(without))
@@ -90,7 +90,7 @@ def test_q_momentum_and_gate_are_those_of_the_fused_filter_while_it_is_on_screen
     assert (tuned.fusion.used.params.q, tuned.fusion.used.params.momentum) == (0.1, 20.0)
     assert tuned.tunings == before
     assert set_text("gate", "off")(tuned).fusion.used.params.gate is None
-    assert np.array_equal(frame_of(tuned).filtered, fuse(tuned.readings, tuned.fusion.used.params).x)
+    assert np.array_equal(compute_frame(tuned).filtered, fuse(tuned.readings, tuned.fusion.used.params).x)
     assert changes.reset_parameters(set_taking_part("a", False)(tuned)).settings == state.settings
     linked = stop_fusing(changes.set_link(SAME_NUMBERS)(tuned))  # of the channels, not of the fused value
     assert tuple(one.name for one in linked.tunings) == linked.recording.names
@@ -127,7 +127,7 @@ def test_the_tuning_file_holds_the_sensors_that_take_part_and_opens_fused(state,
     save_tuning(without.as_tuning(), tmp_path / "t.toml")
     again = adapted(opened_raw(recording()), load_tuning(tmp_path / "t.toml"))
     assert again.fusion.tuning == without.fusion.used
-    assert np.array_equal(frame_of(again).filtered, frame_of(without).filtered)
+    assert np.array_equal(compute_frame(again).filtered, compute_frame(without).filtered)
 
 
 def test_a_file_whose_sensors_are_missing_says_so_and_keeps_the_channels(state):
@@ -156,7 +156,7 @@ def test_of_a_live_record_only_new_rows_are_fused_and_the_line_is_that_of_all(mo
         board.first = first
         state = changes.refreshed(state, board.send(sent, seed=9).snapshot())
         whole = fuse(board.values, params()).x
-        assert np.array_equal(frame_of(changes.set_span("all")(state), runs).filtered, whole[first:])
+        assert np.array_equal(compute_frame(changes.set_span("all")(state), runs=runs).filtered, whole[first:])
     assert taken == [500, 20, 7, 0]
     assert state.fusion is not None
 
@@ -166,5 +166,5 @@ def test_sensors_of_other_units_are_fused_by_a_file_and_drawn_on_the_scale_of_th
     tuning = ChannelTuning("level", "mm", 0.01, (1.0, 4.0), sensors=("a", "b"), offset=(0.0, 5.0), gain=(1.0, -2.0))
     state = adapted(opened_raw(rec), replace(opened(rec).as_tuning(), fusion=tuning))
     assert (state.fusion.tuning, changes.candidates(state)) == (tuning, ("a", "b"))
-    drawn = {one.name: one.raw for one in frame_of(state).sensors}
+    drawn = {one.name: one.raw for one in compute_frame(state).sensors}
     assert drawn["b"] == pytest.approx((rec.channel("b") - 5.0) / -2.0)

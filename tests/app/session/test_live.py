@@ -7,7 +7,6 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from feed import Board
-from frames import frame_of
 from waiting import wait_until
 
 from kalscope import BadSetting, Recording, kalman_filter
@@ -16,6 +15,7 @@ from kalscope.filtering.classic import Chain, OneEuro
 from kalscope.tuning.tuning import ChannelTuning, Tuning
 from kalscope_app.engine.engine import Engine, Part
 from kalscope_app.engine.filter_runs import FilterRuns
+from kalscope_app.engine.frame import compute_frame
 from kalscope_app.session import changes
 from kalscope_app.session.changes import apply_options, live_window, opened_live, refreshed, set_span, set_text
 from kalscope_app.session.opening import opened
@@ -87,7 +87,7 @@ def test_the_filter_of_a_growing_record_equals_the_filter_of_the_whole(board):
         board.send(count)
         for state, kept in zip(chosen, runs, strict=True):
             now = refreshed(state, board.snapshot())
-            frame = frame_of(set_span("all")(now), kept)
+            frame = compute_frame(set_span("all")(now), runs=kept)
             whole = now.filter.run(board.values[:, 0])
             np.testing.assert_array_equal(frame.filtered, whole.x[first:][frame.drawn.indices])
             assert np.isfinite(frame.steady.lag_samples)
@@ -134,10 +134,10 @@ def test_the_boards_own_filter_is_drawn_and_compared():
     own = kalman_filter(board.values[:, 0], state.params).x
     board.values[:, 1] = own
     board.values[200, 1] += 0.25
-    frame = frame_of(state)
+    frame = compute_frame(state)
     assert frame.board_difference == pytest.approx(0.25)
     np.testing.assert_array_equal(frame.board, board.values[:, 1][frame.drawn.indices])
-    assert frame_of(changes.set_board_channel(None)(state)).board is None
+    assert compute_frame(changes.set_board_channel(None)(state)).board is None
 
 
 @pytest.mark.slow

@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from feed import Board
-from frames import frame_of
 
 from kalscope import FilterParams, Recording
 from kalscope.estimation.request import FitResult
 from kalscope.papers.reproduction import list_experiments, open_experiment
+from kalscope_app.engine.frame import compute_frame
 from kalscope_app.session import changes
 from kalscope_app.session.changes import pin_present, refreshed, reset_parameters, select_channel, set_text
 from kalscope_app.session.opening import opened, opened_experiment
@@ -25,7 +25,7 @@ from kalscope_app.views.tune import table
 def test_every_experiment_opens_at_the_settings_of_its_figure(name):
     recording, filters = open_experiment(name)
     state = opened_experiment(name)
-    frame = frame_of(state)
+    frame = compute_frame(state)
     expected = filters[state.channel].run(recording.channel(state.channel)).x
     assert np.array_equal(frame.filtered, expected[frame.drawn.indices], equal_nan=True)
     assert reset_parameters(set_text("q", "7")(state)).tunings == state.tunings
@@ -34,11 +34,11 @@ def test_every_experiment_opens_at_the_settings_of_its_figure(name):
 
 def test_the_second_papers_filter_has_its_gain_and_can_be_left():
     state = opened_experiment("experiment:generalized_figure_7")
-    frame = frame_of(state)
+    frame = compute_frame(state)
     assert frame.steady.lag_samples == pytest.approx((1 - frame.steady.gain) / frame.steady.gain)
     assert "q / r" not in table(frame)
     assert compute_checks(state) is None
-    left = changes.use_kalman_filter(state)
+    left = state.with_standard_filter()
     found = changes.apply_found(state.recording, state.channel, FitResult(FilterParams(1.0, 2.0), "x", "y"))(state)
     assert left.filter.is_standard
     assert found.filter.is_standard

@@ -15,7 +15,6 @@ from kalscope.estimation.request import starting_params
 from kalscope.filtering.params import MAX_MOMENTUM
 from kalscope.sources.samples import list_samples
 from kalscope.tuning.file import dumps
-from kalscope_app.engine.filter_runs import choose_samples
 from kalscope_app.engine.frame import compute_frame
 from kalscope_app.session import changes
 from kalscope_app.session.changes import reset_parameters, select_channel, set_exponent, set_text
@@ -301,8 +300,7 @@ def test_the_other_channels_keep_their_momentum_unless_they_are_linked(state):
 @pytest.mark.parametrize("period", [0.02, None])
 def test_the_frame_shows_the_filter_with_momentum_and_its_velocity_on_request(period):
     state = with_momentum(opened(recording(period=period)), 12.0)
-    drawn = choose_samples(state.recording, state.channel, None)
-    plain, shown = (compute_frame(one, 0, drawn) for one in (state, changes.set_velocity(True)(state)))
+    plain, shown = (compute_frame(one) for one in (state, changes.set_velocity(True)(state)))
     expected = kalman_filter(state.z, FilterParams(state.tuning.q, state.tuning.r, momentum=12.0))
     assert np.array_equal(shown.filtered, expected.x, equal_nan=True)
     assert plain.velocity is None
@@ -310,7 +308,7 @@ def test_the_frame_shows_the_filter_with_momentum_and_its_velocity_on_request(pe
     np.testing.assert_allclose(shown.velocity, expected.velocity * rate, rtol=1e-12)
     np.testing.assert_allclose(shown.velocity_spread, 2.0 * rate * np.sqrt(expected.velocity_p), rtol=1e-12)
     off = changes.set_velocity(True)(changes.set_momentum_position(0.0)(state))
-    assert compute_frame(off, 0, drawn).velocity is None  # the five lines have none
+    assert compute_frame(off).velocity is None  # the five lines have none
 
 
 # --- a settings file loaded onto what is open -----------------------------------------------------------

@@ -115,8 +115,7 @@ def test_what_the_board_says_it_uses_is_what_counts(state, momentum, before):
 @pytest.mark.parametrize("at", ["q", "r", "p"])
 def test_a_command_that_fails_leaves_no_claim_of_what_the_board_uses(state, at, answer):
     board = Board({at: answer})
-    session, told, connection = Session(state), [], BoardConnection(MagicMock())
-    connection.adopt(board)
+    session, told, connection = Session(state), [], BoardConnection(MagicMock(), board)
     state = replace(state, live=replace(state.live, board=board))
     view = BoardView(MagicMock(), session, MagicMock(), told.append, connection)
     with pytest.raises(BadDevice, match=f"the board did not .* '{at} "):

@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 from kalscope import BadSetting, Recording, estimate_fusion, fuse
+from kalscope.common.progress import Progress
 from kalscope.errors import Cancelled
 from kalscope_app.dashboard import Dashboard
-from kalscope_app.engine.filter_runs import Cache, choose_samples
+from kalscope_app.engine.filter_runs import Cache
 from kalscope_app.engine.frame import compute_frame
 from kalscope_app.guard.server import guarded_server
 from kalscope_app.live import send_setting
@@ -23,6 +24,7 @@ from kalscope_app.studies.tuning_map import compute_map
 from kalscope_app.views.chart_tabs import lead_of
 from kalscope_app.views.export import Choice, csv, files_of, limits_text
 from kalscope_app.views.variants import FOR_ONE_CHANNEL, table_text
+from kalscope_app.views.widgets import SlowJob
 
 SENSORS = ("bench", "roof", "door")
 
@@ -46,11 +48,6 @@ def state():
     return fused(greenhouse())
 
 
-def frame_of(state):
-    channel, *others = state.measured
-    return compute_frame(state, 0, choose_samples(state.recording, channel, None, others=tuple(others)))
-
-
 @pytest.fixture
 def view(tmp_path):
     """The folder "Fuse sensors" of a dashboard that is not started."""
@@ -60,22 +57,22 @@ def view(tmp_path):
 
 def test_channels_of_one_unit_are_offered_unticked_and_a_channel_without_a_like_offers_nothing(view):
     single = opened(greenhouse())
-    view.show(frame_of(single))
+    view.show(compute_frame(single))
     assert view._folder.visible
     assert [row.name for row in view._rows if row.name] == list(SENSORS)
     assert not any(row.ticked for row in view._rows)
-    view.show(frame_of(select_channel("humidity")(single)))
+    view.show(compute_frame(select_channel("humidity")(single)))
     assert not view._folder.visible
     assert not any(row.name for row in view._rows)
 
 
 def test_a_row_follows_its_sensor_and_one_that_drops_out_keeps_its_tick_box_alone(view, state):
-    view.show(frame_of(state))
+    view.show(compute_frame(state))
     bench, _, door = view._rows[:3]
     share = f"bench: share {100 * state.fusion.shares['bench']:.0f} %"
     assert bench._tick.label == share
     assert door._boxes["r"]._text.visible
-    view.show(frame_of(set_taking_part("door", False)(state)))
+    view.show(compute_frame(set_taking_part("door", False)(state)))
     assert (door.ticked, door._tick.visible, door._boxes["r"]._text.visible) == (False, True, False)
     assert bench._tick.label != share
     assert door._tick.label == "door"
@@ -88,7 +85,7 @@ def test_the_job_fits_the_ticked_sensors_by_a_reference_and_can_be_cancelled(vie
     fusion = session.apply_requests()[0].fusion
     assert fusion.tuning.sensors == ("bench", "roof")
     assert fusion.tuning.offset[1] == 0.0
-    monkeypatch.setattr(view._running, "is_cancelled", lambda: True)
+    monkeypatch.setattr(SlowJob, "__enter__", lambda _: Progress(cancelled=lambda: True))
     with pytest.raises(Cancelled):
         view._search(single, ("bench", "roof"), None)
 

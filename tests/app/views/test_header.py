@@ -6,7 +6,6 @@ import re
 from dataclasses import replace
 
 from kalscope import open_source
-from kalscope_app.engine.filter_runs import choose_samples
 from kalscope_app.engine.frame import compute_frame
 from kalscope_app.session.opening import opened
 from kalscope_app.views.window import figures, record_line
@@ -14,8 +13,7 @@ from kalscope_app.views.window import figures, record_line
 
 def said(record):
     """The texts of the figures."""
-    state = opened(record)
-    return re.sub("<[^>]*>", "", figures(compute_frame(state, 0, choose_samples(record, state.channel, None))))
+    return re.sub("<[^>]*>", "", figures(compute_frame(opened(record))))
 
 
 def test_the_header_names_the_recording_its_rate_the_lag_and_the_noise():

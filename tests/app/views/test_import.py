@@ -8,7 +8,6 @@ import pytest
 from kalscope.errors import BadSetting
 from kalscope.recording import Assumption, LineIssue, ReadReport, Recording
 from kalscope.sources.grammar.read_options import options_from_text
-from kalscope_app.engine.filter_runs import choose_samples
 from kalscope_app.engine.frame import compute_frame
 from kalscope_app.session.opening import opened
 from kalscope_app.views.signal import heading_of
@@ -97,5 +96,5 @@ def test_a_question_has_one_button_that_reads_the_file_otherwise(notes, button, 
 def test_the_heading_points_to_the_summary_where_part_of_a_file_was_lost():
     for rejected, told in ((1, False), (5, True)):
         state = opened(recording(ReadReport(lines=50 + rejected, rows=50, rejected=rejected)))
-        heading = heading_of(compute_frame(state, 0, choose_samples(state.recording, state.channel, None)))
+        heading = heading_of(compute_frame(state))
         assert ("**part of the file could not be read: see Source**" in heading) is told

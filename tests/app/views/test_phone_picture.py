@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from kalscope import Recording
-from kalscope_app.engine.filter_runs import choose_samples
 from kalscope_app.engine.frame import compute_frame
 from kalscope_app.session.opening import opened
 from kalscope_app.views.phone import VISIBLE, WIDTH, PhonePictures, draw_picture
@@ -18,8 +17,7 @@ from kalscope_app.views.phone import VISIBLE, WIDTH, PhonePictures, draw_picture
 def frame_of(values, dark=False):
     n = len(values)
     recording = Recording(np.arange(float(n)), ("<b>z",), ("V",), np.array(values, dtype=float)[:, None], 1.0)
-    state = opened(recording).with_view(dark=dark)
-    return compute_frame(state, 0, choose_samples(recording, "<b>z", None))
+    return compute_frame(opened(recording).with_view(dark=dark))
 
 
 def pixels(picture, colour):

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from kalscope import Recording
-from kalscope_app.engine.filter_runs import Cache, choose_samples
+from kalscope_app.engine.filter_runs import Cache
 from kalscope_app.engine.frame import compute_frame
 from kalscope_app.session.opening import opened
 from kalscope_app.views.charts import MAX_MOVING_POINTS, places_to_keep
@@ -20,8 +20,7 @@ def frame_of(n, *, truth=False, missing=0.0):
     z = signal + rng.normal(size=n)
     z[rng.random(n) < missing] = np.nan
     clean = signal[:, None] if truth else None
-    state = opened(Recording(np.arange(n) * 0.01, ("z",), ("V",), z[:, None], 0.01, truth=clean))
-    return compute_frame(state, 0, choose_samples(state.recording, state.channel, None))
+    return compute_frame(opened(Recording(np.arange(n) * 0.01, ("z",), ("V",), z[:, None], 0.01, truth=clean)))
 
 
 @pytest.mark.parametrize("n", [2100, 4000, 4001, 50_000, 300_000])

@@ -16,6 +16,7 @@ from viser import UploadedFile
 from waiting import PATIENCE, wait_until
 
 from kalscope.catalogue import open_source
+from kalscope.common.progress import Progress
 from kalscope.errors import BadFile, Cancelled, NoMemory
 from kalscope_app.dashboard import Dashboard
 from kalscope_app.guard.server import guarded_server
@@ -55,7 +56,7 @@ def test_a_file_is_read_in_another_process_with_the_same_result(worker, tmp_path
     log = tmp_path / "log.csv"
     log.write_text(f"t,a (V),b\n{rows}torn line\n")
     shown = []
-    there = worker.run(partial(open_source, str(log)), "log.csv", lambda *said: shown.append(said))
+    there = worker.run(partial(open_source, str(log)), "log.csv", Progress(lambda *said: shown.append(said)))
     here = open_source(str(log))
     assert worker.run(os.getpid, "") == worker.run(os.getpid, "") != os.getpid()
     assert np.array_equal(there.values, here.values, equal_nan=True)
@@ -85,7 +86,7 @@ def test_cancel_ends_what_nothing_else_can_with_all_it_started_and_leaves_no_fil
         f"import subprocess; p = subprocess.Popen(['sleep', '600']); open({str(pid)!r}, 'w').write(str(p.pid))\n"
     )
     with pytest.raises(Cancelled):
-        worker.run(partial(exec, start + BUSY.format(str(begun))), "log.csv", None, begun.exists)
+        worker.run(partial(exec, start + BUSY.format(str(begun))), "log.csv", Progress(cancelled=begun.exists))
     assert not is_running(before)
     assert not folder.exists()
     assert worker.run(os.getpid, "") not in (before, os.getpid())
