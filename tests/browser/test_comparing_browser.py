@@ -52,10 +52,22 @@ def test_a_filter_of_compare_leaves_for_the_board_and_the_kalman_filter_comes_ba
     screen = start("demo")
     demo = open_source("demo")
     params = starting_params(demo.values[:, 0])
-    euro = next(one for one in compare_alternatives(demo.values[:, 0], params).others if one.name == "One-euro")
+    alternative = {one.name: one for one in compare_alternatives(demo.values[:, 0], params).others}
+    euro = alternative["One-euro"]
 
     screen.wait_for_line("filtered", kalman_filter(demo.values[:, 0], params).x)
     screen.tab("Compare")
+    screen.choose("draw", "One-euro")
+    screen.wait_for_line("One-euro", euro.curve)
+    assert screen.page.get_by_role("button", name="Settings of this one").is_visible()
+    screen.choose("draw", "Exponential")
+    screen.wait_for_line("Exponential", alternative["Exponential"].curve)
+    screen.page.get_by_role("button", name="Settings of this one").click()
+    screen.page.get_by_role("tab", name="Home Assistant lowpass").click()
+    shown = screen.page.get_by_role("textbox", name="Home Assistant lowpass")
+    screen.shot("settings")
+    assert "time_constant: " in shown.input_value()
+    screen.page.get_by_role("button", name="Close").click()
     screen.choose("draw", "One-euro")
     screen.wait_for_line("One-euro", euro.curve)
     screen.page.get_by_role("button", name="Export this one").click()

@@ -12,6 +12,7 @@ from kalscope.analysis.alternatives import Alternative, Comparison, compare_alte
 from kalscope.analysis.diagnostics import Diagnostics, diagnose_run, without_residuals
 from kalscope.analysis.residuals import Run
 from kalscope.common.numbers import Array
+from kalscope.export.settings import settings_of
 from kalscope.filtering.classic import Chain
 from kalscope.filtering.filter import filter_at
 from kalscope.filtering.steady import SteadyState
@@ -47,6 +48,12 @@ class Compared:
     def to_export(self) -> Chain | None:
         """The one chosen filter that a device can run, if one is chosen."""
         return self.alternatives[0].chain if len(self.alternatives) == 1 else None
+
+    @property
+    def settings(self) -> dict[str, str]:
+        """The texts that set the chosen filter in other programs, by their names."""
+        chain = self.to_export
+        return {} if chain is None else settings_of(self.state.as_tuning().only(self.state.channel), chain)
 
     @property
     def alternatives(self) -> tuple[Alternative, ...]:

@@ -33,6 +33,7 @@ from kalscope_app.views.charts import (
     short,
     time_axis,
 )
+from kalscope_app.views.export import show_files
 from kalscope_app.views.widgets import add_button, bind, capitalised, escape_markdown, offer, put, table_of
 from kalscope_app.views.window import EXPORT_BUTTON
 
@@ -69,6 +70,7 @@ class AlternativesView:
     def __init__(self, gui: viser.GuiApi, session: Session) -> None:
         self._session = session
         self._chain: Chain | None = None
+        self._texts: dict[str, str] = {}
         gui.add_markdown("### Is there a simpler filter?")
         hint = "Filters of equal lag, or of equal noise reduction."
         match = gui.add_dropdown("matched by", tuple(MATCHES), hint=hint)
@@ -76,6 +78,8 @@ class AlternativesView:
         draw = gui.add_dropdown("draw", list[str]((*NAMES, ALL)), hint="Which filter is plotted beside yours.")
         self._alternative = bind(draw, session, changes.set_drawn_alternative)
         self._export = add_button(gui, EXPORT_BUTTON, EXPORT_HINT, self._use, visible=False)
+        hint = "The drawn filter in ESPHome, Home Assistant and others: texts to copy."
+        self._settings = add_button(gui, "Settings of this one", hint, self._show_settings, visible=False)
         self._verdict = gui.add_markdown("")
         self._chart = Chart(gui, 0.4, sync="kalscope-time")
         self._table = gui.add_markdown("")
@@ -85,15 +89,21 @@ class AlternativesView:
         if self._chain is not None:
             self._session.request(changes.use_chain(self._chain))
 
+    def _show_settings(self, client: viser.ClientHandle) -> None:
+        show_files(client, self._texts, "Settings of other programs")
+
     def on_emptied(self) -> None:
         """The filter that could be exported belongs to an earlier state."""
-        self._chain = None
+        self._chain, self._texts = None, dict[str, str]()
         put(self._export, visible=False)
+        put(self._settings, visible=False)
 
     def show(self, compared: Compared | None) -> None:
         """Draw and write."""
         self._chain = None if compared is None else compared.to_export
+        self._texts = {} if compared is None else compared.settings
         put(self._export, visible=self._chain is not None)
+        put(self._settings, visible=bool(self._texts))
         for control in (self._match, self._alternative):
             put(control, visible=compared is not None)
         if compared is None:

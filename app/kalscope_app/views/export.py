@@ -32,9 +32,9 @@ from kalscope_app.views.window import COPY_BUTTON, FILES, PRIMARY
 # Files for one browser: to read and copy in a dialog, or as a download.
 
 
-def show_files(client: viser.ClientHandle, files: dict[str, str]) -> None:
+def show_files(client: viser.ClientHandle, files: dict[str, str], title: str = "Preview code") -> None:
     """A window with a tab for each file, in a text box: plain text, so nothing in it can act."""
-    with client.gui.add_modal("Preview code") as window:
+    with client.gui.add_modal(title) as window:
         client.gui.add_html(FILES)
         tabs = client.gui.add_tab_group()
         for name, text in files.items():

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import product
 from typing import Any
@@ -18,7 +19,7 @@ import numpy as np
 from kalscope.analysis.candidates import stage_at_lag
 from kalscope.common.text import decibels, duration, lag_in_full
 from kalscope.errors import BadSetting
-from kalscope.export.job import ExportJob
+from kalscope.export.job import ExportJob, job_of
 from kalscope.export.names import comment_text, number_text
 from kalscope.filtering import classic
 from kalscope.filtering.classic import Butterworth, Chain, Exponential, MovingAverage, OneEuro, Stage
@@ -245,10 +246,10 @@ def _matched(one: ChannelTuning, row: Setting, tuning: Tuning, recording: Record
     if row.kind is None:
         return one
     stage = None if chain is None else chain.then
-    if stage is None or type(stage) is not row.kind:
-        lag = steady_state(one.params.moving).lag_samples if stage is None else stage.lag
+    lag = steady_state(one.params.moving).lag_samples if stage is None else stage.lag
+    if stage is None or type(stage) is not row.kind or lag == 0.0:
         if lag is None or not 0.0 < lag < math.inf:
-            got = "a gain of 0 or 1" if stage is None else stage.name
+            got = "a gain of 0 or 1" if stage is None else f"{stage.name}, {stage.words}"
             raise BadSetting(f"the filter of {name} must have a lag above 0 by a formula (got {got})")
         stage = stage_at_lag(row.kind, float(lag), _bench(one, row, float(lag), recording))
     return replace(one, fast=None, spikes=0.0, chain=Chain(1, row.fit(stage, tuning.sample_period or math.nan)))
@@ -269,6 +270,17 @@ def files(name: str, row: Setting, job: ExportJob) -> dict[str, str]:
     """One file with the setting of each channel."""
     texts = "".join(_text(row, job.sample_period, *named) for named in job.named_channels)
     return {f"kalscope_{name.replace('-', '_')}.txt": row.head + texts}
+
+
+def settings_of(tuning: Tuning, chain: Chain) -> dict[str, str]:
+    """Every setting that is the filter of a chain alone, for the only channel of a tuning, by its title."""
+    (one,), texts = tuning.channels, dict[str, str]()
+    filtered = replace(tuning, fusion=None, channels=(replace(one, fast=None, spikes=0.0, chain=chain),))
+    for name, row in SETTINGS.items():
+        if row.kind is type(chain.then):
+            with suppress(BadSetting):  # such as a cut-off in whole Hz above the sample rate
+                (texts[row.title],) = files(name, row, job_of(matched(filtered, row))).values()
+    return texts
 
 
 def _text(row: Setting, period: float | None, word: str, one: ChannelTuning) -> str:

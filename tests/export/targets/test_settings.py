@@ -14,8 +14,8 @@ import pytest
 import yaml
 
 from kalscope import BadSetting, ChannelTuning, Recording, Tuning, denoise, export_tuning
-from kalscope.export.settings import SETTINGS
-from kalscope.filtering.classic import Chain, Exponential, Median, MovingAverage, OneEuro, bench_of
+from kalscope.export.settings import SETTINGS, settings_of
+from kalscope.filtering.classic import Butterworth, Chain, Exponential, Median, MovingAverage, OneEuro, bench_of
 from kalscope.filtering.steady import steady_state
 
 PERIOD = 0.02
@@ -200,6 +200,8 @@ def test_a_chain_gives_its_own_filter_and_another_one_its_lag():
     assert filters_of(text_of("esphome-exponential", chained(1, MovingAverage(9))))["alpha"] == 0.2
     text = text_of("one-euro", chained(1, OneEuro(0.02, 0.5, 0.05)))
     assert "freq=50.0, mincutoff=1.0, beta=0.5, dcutoff=2.5" in text
+    assert len(settings_of(tuned(), Chain(1, Exponential(0.3)))) == 6
+    assert settings_of(tuned(period=60.0), Chain(1, Butterworth(0.3))) == {}
 
 
 @pytest.mark.parametrize(
@@ -215,6 +217,8 @@ def test_a_chain_gives_its_own_filter_and_another_one_its_lag():
             "one alone .* .got median of 5, then Kalman",
         ),
         ("rc", chained(1, Median(5)), PERIOD, "by a formula .got Median"),
+        ("rc", chained(1, Exponential(1.0)), PERIOD, "must have a lag above 0 by a formula .got Exponential"),
+        ("ardupilot-2p", KALMAN, 60.0, "cutoff in cycles per sample must be"),
         ("betaflght", KALMAN, PERIOD, "did you mean betaflight"),
     ],
 )
