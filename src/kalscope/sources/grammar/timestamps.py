@@ -704,30 +704,25 @@ def row_stamp_parser(column: TimeColumn, decimal: str) -> Callable[[Sequence[str
     places = dict(column.parts)
     if column.turn:
         count, turn = places["turns"], column.turn
-        return lambda cells: _sum(
-            None if (turns := parse(cells[count])) is None else turns * turn, parse(cells[index])
-        )
+        return lambda cells: _plus(parse(cells[index]), parse(cells[count]), turn)
     date_at, clock_at = places.pop("date", None), places.pop("clock", None)
     parse_date, parse_clock = stamp_parser(replace(column, kind="calendar"), decimal), CLOCK_PARSERS[column.clock]
     last = [column.day]
 
     def parse_parts(cells: Sequence[str]) -> float | None:
-        since = 0.0 if clock_at is None else parse_clock(cells[clock_at])
+        since = _of_parts(cells, places, decimal) if places else 0.0
         if date_at is not None:
             found = parse_date(cells[date_at])
             last[0] = last[0] if found is None else found  # a broken date is that of the row before
-        part: dict[PartRole, float | None] = {
-            role: parse_part(cells[i], role, decimal) for role, i in places.items()
-        }
-        return _sum(since, 0.0 if date_at is None else last[0], _of_parts(part))
+            since = _plus(since, last[0])
+        return since if clock_at is None else _plus(since, parse_clock(cells[clock_at]))
 
     return parse_parts
 
 
-def _sum(*values: float | None) -> float | None:
+def _plus(since: float | None, more: float | None, unit: float = 1.0) -> float | None:
     """The sum; None where a value is missing."""
-    known = [value for value in values if value is not None]
-    return sum(known) if len(known) == len(values) else None
+    return None if since is None or more is None else since + more * unit
 
 
 def parse_part(cell: str, role: PartRole, decimal: str = ".") -> float | None:
@@ -740,17 +735,20 @@ def parse_part(cell: str, role: PartRole, decimal: str = ".") -> float | None:
     return value if least <= value <= high else None
 
 
-def _of_parts(part: dict[PartRole, float | None]) -> float | None:
+def _of_parts(cells: Sequence[str], places: dict[PartRole, int], decimal: str) -> float | None:
     """Microseconds from 1970 to a year and other parts, from midnight without a year; None: a part is damaged."""
-    known: dict[PartRole, float] = {role: value for role, value in part.items() if value is not None}
-    if len(known) < len(part):
-        return None
-    start: float | None = 0.0
-    if "year" in known:
-        start = day_us(*(int(known.get(role, 1)) for role in ("year", "month", "day")))
-    since = 0.0 if "month" in known else (known.get("day of year", 1) - 1) * DAY_US
-    since += sum(round(value * _PARTS[role][2]) for role, value in known.items())
-    return None if start is None else start + since
+    part, since = dict[PartRole, float](), 0.0
+    for role, i in places.items():
+        value = parse_part(cells[i], role, decimal)
+        if value is None:
+            return None
+        part[role] = value
+        since += round(value * _PARTS[role][2])
+    if "month" not in part:
+        since += (part.get("day of year", 1) - 1) * DAY_US
+    if "year" not in part:
+        return since
+    return _plus(since, day_us(int(part["year"]), int(part.get("month", 1)), int(part.get("day", 1))))
 
 
 def stamp_parser(column: TimeColumn, decimal: str) -> StampParser:

@@ -47,15 +47,15 @@ class HeadLine(NamedTuple):
     """Line number, from 1; beyond the head for lines from further down the file."""
     text: str
     """The line without stamp and checksum."""
-    stamp: str = ""
+    stamp: str
     """The stamp that a monitor wrote before it; "" where there is none."""
-    shape: str = ""
+    shape: str
     """What is the same in all lines that differ in their digits only: the text with 0 for each run."""
 
 
-def shaped(lines: Sequence[HeadLine]) -> list[HeadLine]:
-    """The lines with their shapes."""
-    return [line._replace(shape=_NUMBER.sub("0", line.text)) for line in lines]
+def head_line(number: int, text: str, stamp: str = "") -> HeadLine:
+    """The line with its shape."""
+    return HeadLine(number, text, stamp, _NUMBER.sub("0", text))
 
 
 def first_of_each_shape(lines: Iterable[HeadLine]) -> Mapping[str, Sequence[str]]:

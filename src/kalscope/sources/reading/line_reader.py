@@ -73,19 +73,22 @@ class LineReader:
         self._parsers: dict[int, StampParser] = {
             i: (layout.columns[i].form or plain).parse for i in layout.channels
         }
-        self._channels = frozenset(layout.channels)
+        self._channels = layout.channels
         self._silent = options.missing_texts
         self._numbers = frozenset((*options.missing_numbers, *map(plain.parse, self._silent))) - {None, math.nan}
-        self._stamp = None
+        self._stamp = self._time = None
         if layout.time is not None:
+            self._time = layout.time.index
             self._stamp = row_stamp_parser(layout.time, self._form.decimal)
-            self._parsers[layout.time.index] = stamp_parser(layout.time, self._form.decimal)
+            self._parsers[self._time] = stamp_parser(layout.time, self._form.decimal)
         self._series = [i for i, column in enumerate(layout.columns) if column.role == "series"]
         self.series: dict[tuple[str, ...], int] = {}
         """The names of a long table and their numbers, which are in its first "series" column."""
         self._before = -2
         """Fields of the row before; −1 at the first row."""
         self._number = 0
+        self._text: str | None = None
+        self._cells: list[str] = []
         self._issues: list[LineIssue] = []
         self._missing: list[str] = []
 
@@ -110,7 +113,7 @@ class LineReader:
         if is_comment(text):
             return "comment"
         rows = self.layout.header_rows
-        if rows and tuple(split_fields(text, self._form.delimiter)) in rows:
+        if rows and tuple(self._split(text)) in rows:
             return "header"
         is_name = self._form.kind == "teleplot" and (plot := split_teleplot(text)) and plot.only_names
         return "header" if is_name else None
@@ -135,8 +138,14 @@ class LineReader:
                 raise _Fault(f"must end with the checksum *{right:02X} (got *{written:02X})")
         if self._form.kind == "teleplot":
             return self._teleplot(text)
-        cells = split_fields(text, self._form.delimiter) if self._form.kind == "table" else self._labelled(text)
+        cells = self._split(text) if self._form.kind == "table" else self._labelled(text)
         return None if cells is None else (self._row(head + cells),)
+
+    def _split(self, text: str) -> list[str]:
+        """The cells of a line of a table; a line that is no header is not split twice."""
+        if text is not self._text:
+            self._text, self._cells = text, split_fields(text, self._form.delimiter)
+        return self._cells
 
     def _labelled(self, text: str) -> list[str] | None:
         """Cells in column order; a value without a column is an issue; None for prose."""
@@ -195,17 +204,17 @@ class LineReader:
         cells = self._whole(cells)
         layout = self.layout
         values = [math.nan] * self._width
-        if layout.time is not None and self._stamp is not None:
+        if self._time is not None and self._stamp is not None:
             stamp = self._stamp(cells)
             if stamp is None:
                 raise _Fault("must have a readable time stamp")
-            values[layout.time.index] = stamp
+            values[self._time] = stamp
         if self._series:
             name = tuple(cells[i] for i in self._series)
             if name not in self.series and len(self.series) >= MAX_SERIES:
                 raise _Fault(f"must be of one of the first {MAX_SERIES} names")
             values[self._series[0]] = self.series.setdefault(name, len(self.series))
-        for i in layout.channels:
+        for i in self._channels:
             value = self.value(i, cells[i])
             if value is not None:
                 values[i] = value
@@ -218,9 +227,9 @@ class LineReader:
     def value(self, column: int, cell: str) -> float | None:
         """The number in a cell that is read, or its stamp; NaN where it is missing; None for any other text."""
         value = self._parsers[column](cell)
-        if value is None and column in self._channels and cell.lower() in self._silent:
+        if value is None and column != self._time and cell.lower() in self._silent:
             return math.nan
-        return math.nan if self._numbers and column in self._channels and value in self._numbers else value
+        return math.nan if self._numbers and column != self._time and value in self._numbers else value
 
     def _whole(self, cells: list[str]) -> list[str]:
         """The cells of a row, one per column: an extra separator at the end removed, missing last cells added.

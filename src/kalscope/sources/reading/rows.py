@@ -66,9 +66,10 @@ class Tally:
     def take(self, event: LineEvent, *, last: bool = False) -> LineEvent:
         """Count one line and keep its issues, up to MAX_ISSUES; the `last` one has no newline."""
         self.lines[event.kind] += 1
-        if event.kind == "row":
-            self.bad_cells += len(event.issues)
+        if event.missing:
             self.missing.update(event.missing)
+        if event.issues and event.kind == "row":
+            self.bad_cells += len(event.issues)
             self.bad_columns.update(issue.column for issue in event.issues if issue.column)
         self.issues.extend(event.issues[: MAX_ISSUES - len(self.issues)])
         what = {"rejected": "it is torn and was left out", "row": "it was kept, because it has all its values"}
@@ -95,7 +96,7 @@ def read_rows(
         NoMemory: there will not be enough memory for them, by what the first ones take.
     """
     size, progress = path.stat().st_size, progress or Progress()
-    reader = _TableReader(layout, options, by_line=size <= MAX_BYTES_BY_LINE)
+    reader, checked = _TableReader(layout, options, by_line=size <= MAX_BYTES_BY_LINE), 0
     # The next block is read and decoded on another thread while the loops, which release the GIL, parse this one.
     with path.open("rb") as file, ThreadPoolExecutor(1) as ahead:
         text = open_text(file, encoding)
@@ -104,7 +105,9 @@ def read_rows(
             progress(file.tell() / size, "reading")
             block = ahead.submit(_read_block, text)
             reader.take(data, growing=not data.endswith(b"\n") and path.stat().st_size > size)
-            reader.rows.require_room(file.tell(), size, path.name)
+            if 1.5 * checked < file.tell() < size:  # the free memory takes as long to find as 200 rows
+                checked = file.tell()
+                reader.rows.require_room(checked, size, path.name)
     reader.tally.series = tuple(reader.reader.series)
     return reader.rows.finish(), reader.tally
 

@@ -37,9 +37,9 @@ from kalscope.sources.reading.columns import (
     Plan,
     column_type,
     first_of_each_shape,
+    head_line,
     likeness,
     only_text,
-    shaped,
 )
 
 # Where the table starts, what its columns hold, and what is above and beside it.
@@ -368,20 +368,23 @@ def candidate_lines(head: Sequence[str], after: int = 0) -> tuple[list[HeadLine]
         head: The first lines, and those from further down.
         after: Line number above the first that may hold data.
     """
-    numbered = [HeadLine(i, text) for i, text in enumerate(head[after:], after + 1) if not SCALE.fullmatch(text)]
-    lines = shaped([line for line in numbered if not is_blank(line.text) and not is_comment(line.text)])
+    lines = [
+        head_line(i, text)
+        for i, text in enumerate(head[after:], after + 1)
+        if not (is_blank(text) or is_comment(text) or SCALE.fullmatch(text))
+    ]
     some = first_of_each_shape(lines)
     stamped = {shape for shape, texts in some.items() if split_stamp(texts[0])}
     is_stamped = sum(line.shape in stamped for line in lines) > len(lines) / 2
     if is_stamped:
         split = [(line, split_stamp(line.text)) for line in lines]
-        lines = shaped([HeadLine(line.number, parts[1], parts[0]) for line, parts in split if parts is not None])
+        lines = [head_line(line.number, parts[1], parts[0]) for line, parts in split if parts is not None]
     sums = [(line, split_checksum(line.text)) for line in lines]
     right = {line.number for line, parts in sums if parts and parts[1] == parts[2]}
     checked = len(right) > len(lines) / 2
     if checked:  # a header has no checksum; others lines without it were damaged
         kept = [pair for pair in sums if pair[0].number in right or not any(map(str.isdigit, pair[0].text))]
-        lines = shaped([line._replace(text=parts[0] if parts else line.text) for line, parts in kept])
+        lines = [head_line(line.number, parts[0] if parts else line.text, line.stamp) for line, parts in kept]
     return lines, LineFormat(stamped=is_stamped, checksum=checked)
 
 
