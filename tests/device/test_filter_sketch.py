@@ -16,7 +16,6 @@ from waiting import PATIENCE
 from kalscope import FilterParams, kalman_filter
 from kalscope.export.board import commands, is_refusal, read_answer
 from kalscope.export.float32 import filter_float32, float32_params
-from kalscope.sources.reading.line_parser import LineParser
 from kalscope.tuning.tuning import ChannelTuning
 
 pytestmark = pytest.mark.device
@@ -178,14 +177,6 @@ def test_the_minimal_sketch_prints_raw_and_filtered_and_is_smaller(start_board, 
     assert [float(raw) for raw, _ in lines] == counts
     x = kalman_filter(np.array(counts), tuning.params).x
     np.testing.assert_allclose([float(filtered) for _, filtered in lines], x, atol=0.006)
-
-
-def test_kalscope_reads_the_sketch_with_its_names(start_board, workshop):
-    board = start_board(exported(workshop, ChannelTuning("light", "", 0.1, 10.0)), [500, 510, 490], *FLAT_OUT)
-    parser = LineParser()
-    parser.feed(b"".join(read_lines(board.port, 20, 1_000_000)))
-    assert [event.kind for event in parser][:1] == ["comment"]
-    assert [column.name for column in parser.layout.columns] == ["raw", "filtered"]
 
 
 REFUSED = {

@@ -35,29 +35,6 @@ def test_all_1024_counts_arrive_exactly_under_the_name_the_board_gives(start_boa
     assert status.received == status.accepted + status.dropped
 
 
-@pytest.mark.usefixtures("never_reset")
-def test_the_clock_of_the_board_is_the_time(start_board, workshop):
-    firmware = workshop.sketch(SKETCH, (r"(?<=BOARD_TIME = )false", "true"))
-    board = start_board(firmware, range(1024), *FLAT_OUT)
-    with LiveSource(board.port) as live:
-        wait_for(lambda: live.status().accepted >= 500)
-        recording = live.snapshot().recording
-    assert recording.sample_period == pytest.approx(0.005, abs=1e-5)
-    np.testing.assert_allclose(np.diff(recording.time), 0.005, atol=30e-6)
-
-
-@pytest.mark.usefixtures("never_reset")
-def test_900_lines_a_second_at_115200_baud_lose_none(start_board, workshop):
-    counts = np.arange(2700) % 1000
-    board = start_board(workshop.sketch(SKETCH, RATE), counts, "--wait-open", "--speed", "1", "--seconds", "2")
-    with LiveSource(board.port) as live:
-        wait_for(lambda: live.status().accepted >= 1500)
-        recording, status = live.snapshot().recording, live.status()
-    received = recording.values[:, 0]
-    np.testing.assert_array_equal(received, counts[: len(received)])
-    assert status.rejected == 0
-
-
 def test_pulling_the_plug_and_plugging_in_again_is_one_gap(start_board, stream_sketch):
     board = start_board(stream_sketch, 512, "--speed", "1", "--wait-open")
     with LiveSource(board.port) as live:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from effort import FUZZ
@@ -11,12 +9,7 @@ from float32_by_hand import ByHand
 
 from kalscope import FilterParams, kalman_filter, steady_state
 from kalscope.errors import BadSetting
-from kalscope.export.float32 import (
-    Float32Momentum,
-    filter_float32,
-    float32_params,
-    float32_text,
-)
+from kalscope.export.float32 import filter_float32, float32_params, float32_text
 from kalscope.export.registry import STALLING_GAIN
 
 F = np.float32
@@ -60,20 +53,6 @@ def test_it_equals_the_filter_in_float32_by_hand_to_the_bit_with_and_without_mom
             np.testing.assert_array_equal(filter_float32(z, held), [other.update(one) for one in z])
 
 
-def test_momentum_zero_is_the_filter_of_before_and_a_velocity_that_never_lasts_the_same_bits():
-    """A board with momentum runs τ = 0 as e = f = 0: the five lines to the last bit."""
-    z = awkward_samples(9)
-    for params in (
-        FilterParams(0.3, 20.0),
-        FilterParams(0.3, 20.0, 5.0, 2.0, gate=9.0),
-        FilterParams(0.2, 0.0, 3.0),
-    ):
-        plain = float32_params(params)
-        assert plain.momentum is None
-        none = Float32Momentum(momentum=F(0), e=F(0), f=F(0), q11=plain.q, q12=F(0), q22=F(0), w0=F(0))
-        np.testing.assert_array_equal(filter_float32(z, replace(plain, momentum=none)), filter_float32(z, plain))
-
-
 @pytest.mark.parametrize("tau", [0.4, 7.0, 60.0, 1e5])
 def test_momentum_in_float32_stays_with_the_filter_in_double(tau):
     z = awkward_samples(3)
@@ -81,18 +60,6 @@ def test_momentum_in_float32_stays_with_the_filter_in_double(tau):
         np.testing.assert_allclose(
             filter_float32(z, params), kalman_filter(z, params).x, rtol=0, atol=2e-5 * np.nanmax(np.abs(z))
         )
-
-
-@pytest.mark.parametrize(
-    ("name", "params"),
-    [
-        ("q.. of q and momentum", FilterParams(1e-30, 1.0, momentum=1e5)),
-        ("q22 of q and momentum", FilterParams(1e30, 1.0, momentum=1e-10)),
-    ],
-)
-def test_a_momentum_that_float32_cannot_hold_is_refused_by_name(name, params):
-    with pytest.raises(BadSetting, match=f"^{name} must fit float32"):
-        float32_params(params)
 
 
 def test_text_and_float32_are_the_same_bits():
@@ -106,11 +73,19 @@ def test_text_and_float32_are_the_same_bits():
     assert (float32_text(F(np.inf)), float32_text(F(np.nan))) == ("INFINITY", "NAN")
 
 
-@pytest.mark.parametrize("wrong", [1e-50, 1.1e-38, 4e38, 1e300])
-@pytest.mark.parametrize("name", ["q", "r", "p0"])
-def test_what_float32_cannot_hold_is_refused_by_name(name, wrong):
+@pytest.mark.parametrize(
+    ("name", "params"),
+    [
+        *((name, {name: wrong}) for name in ("q", "r", "p0") for wrong in (1e-50, 1.1e-38, 4e38, 1e300)),
+        ("q.. of q and momentum", {"q": 1e-30, "momentum": 1e5}),
+        ("q22 of q and momentum", {"q": 1e30, "momentum": 1e-10}),
+    ],
+)
+def test_what_float32_cannot_hold_is_refused_by_name(name, params):
     with pytest.raises(BadSetting, match=f"^{name} must fit float32"):
-        float32_params(FilterParams(**{"q": 1.0, "r": 1.0, "p0": 1.0, name: wrong}))
+        float32_params(FilterParams(**{"q": 1.0, "r": 1.0} | params))
+    with pytest.raises(BadSetting, match="shape"):
+        filter_float32([[1.0]], FilterParams(1.0, [1.0, 2.0]))
 
 
 @pytest.mark.slow
@@ -121,9 +96,3 @@ def test_above_the_stalling_gain_float32_settles_within_one_percent(momentum):
         z = np.zeros(samples + 1, F)
         z[-1] = 1  # resting at 0, the answer to a single 1 is the gain
         assert filter_float32(z, params)[-1] == pytest.approx(steady_state(params).gain, rel=0.01)
-
-
-@pytest.mark.parametrize(("z", "r"), [([1.0], [1.0]), ([[1.0]], 1.0), ([[1.0]], [1.0, 2.0])])
-def test_samples_of_another_shape_than_the_sensors_are_refused(z, r):
-    with pytest.raises(BadSetting, match="shape"):
-        filter_float32(z, FilterParams(1.0, r))

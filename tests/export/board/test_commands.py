@@ -28,14 +28,10 @@ def test_a_command_says_the_float32_exactly_and_fits_the_line_of_a_board():
         assert said == {"q": q, "r": r, "t": tau, "p": p0}
 
 
-def test_zero_comes_after_the_other_and_the_start_comes_last():
-    assert commands(float32_params(FilterParams(0.0, 4.0))) == ("r 4", "q 0", "p inf")
-    assert commands(float32_params(FilterParams(0.5, 0.0, 2.0)), channel=2) == ("2 q 0.5", "2 r 0", "2 p 2")
-
-
 def test_momentum_goes_to_a_board_that_knows_it_only_and_is_switched_off_there():
     plain, held = (float32_params(FilterParams(0.5, 4.0, momentum=momentum)) for momentum in (0.0, 20.0))
     assert commands(plain) == ("q 0.5", "r 4", "p inf")
+    assert commands(float32_params(FilterParams(0.0, 4.0))) == ("r 4", "q 0", "p inf")  # zero after the other
     assert commands(plain, knows_momentum=True) == ("q 0.5", "r 4", "t 0", "p inf")
     assert commands(held, 2, knows_momentum=True) == ("2 q 0.5", "2 r 4", "2 t 20", "2 p inf")
     with pytest.raises(BadSetting, match=r"momentum must be 0 for this board, .* \(got 20 samples\): export"):

@@ -97,13 +97,6 @@ def test_the_command_is_one_word_for_the_shell_whatever_the_name():
     assert words == ["kalscope", "open", rec.source, "--config", "my tuning.toml"]
 
 
-def test_the_command_of_the_dashboard_stands_in_place_of_a_file_that_was_never_saved():
-    rec = recording()
-    text = " ".join(Page(as_html(make_report(rec, tuned(rec), command="kalscope open log.csv --q 0.0025"))).text)
-    assert "kalscope open log.csv --q 0.0025" in text
-    assert "tuning.toml" not in text
-
-
 @pytest.mark.parametrize("knows_truth", [True, False])
 def test_pinned_settings_stand_beside_the_present_one(knows_truth):
     rec = recording()

@@ -26,9 +26,8 @@ def test_a_unit_that_analogread_does_not_return_stops_the_compiler_and_is_said(u
 
 
 def test_what_float_or_a_board_cannot_hold_is_refused():
-    for q, r in ((1e-60, 1.0), (1.0, 1e39), (1e-40, 1.0)):
-        with pytest.raises(BadSetting, match=r"^light: . must fit float32: 0, or a size from 1.2e-38 to 3.4e38"):
-            files(ExportJob((ChannelTuning("light", "", q, r),)))
+    with pytest.raises(BadSetting, match=r"^light: q must fit float32: 0, or a size from 1.2e-38 to 3.4e38"):
+        files(ExportJob((ChannelTuning("light", "", 1e-60, 1.0),)))
     with pytest.raises(BadSetting, match="must fit float32, up to"):
         files(ExportJob((ChannelTuning("light", "", 3e38, 3e38),)))
     with pytest.raises(BadSetting, match="1 to 6 channels"):

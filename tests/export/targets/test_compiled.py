@@ -14,6 +14,7 @@ from kalscope.export.board import momentum_on_board
 from kalscope.export.float32 import filter_float32, without_momentum
 from kalscope.export.job import ExportJob
 from kalscope.export.targets import arduino, c
+from kalscope.filtering.kernels import transition
 from kalscope.tuning.tuning import ChannelTuning
 
 FILTERS = (
@@ -82,6 +83,10 @@ def test_the_constants_that_a_board_computes_are_those_we_predict(tmp_path, flag
     answer = np.frombuffer(run(said.tobytes()), np.float32).reshape(-1, 7)
     expected = [list(vars(momentum_on_board(*pair) or without_momentum(pair[0])).values()) for pair in said]
     np.testing.assert_array_equal(answer, np.array(expected, dtype=np.float32))
+    lasts = said[:, 1] > 0.0
+    exact = np.array([transition(1.0, *pair) for pair in said[lasts].astype(float)])
+    np.testing.assert_allclose(answer[lasts, 1], exact[:, 0], rtol=0.0, atol=2e-7)
+    np.testing.assert_allclose(answer[lasts, 2:6], exact[:, 1:], rtol=1e-6)
 
 
 def test_what_float_cannot_hold_stops_the_c_compiler_in_float_only(tmp_path):
