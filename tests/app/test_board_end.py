@@ -17,6 +17,8 @@ from waiting import wait_until
 from wire import PATIENCE, Guest
 
 SIGNALS = [signal.SIGINT, signal.SIGTERM, signal.SIGHUP]
+PATIENT = f"from kalscope_app import open_command\nopen_command.MAX_RECORDING_S = {PATIENCE}\n"
+"""A busy machine may take long to finish a recording."""
 
 
 def numbered():
@@ -49,7 +51,7 @@ def assert_finished(file):
 
 @pytest.mark.parametrize("by", SIGNALS)
 def test_a_recording_is_finished_and_nothing_is_left_behind(tmp_path, by):
-    with line_sender(lines=numbered) as board, running(tmp_path, source=board) as (program, url):
+    with line_sender(lines=numbered) as board, running(tmp_path, source=board, change=PATIENT) as (program, url):
         port = port_of(url)
         with Guest(port, token_of(url)) as guest:
             file = start_recording(guest, tmp_path)
@@ -89,7 +91,7 @@ SocketPort.__init__ = slow
 def test_a_recording_is_finished_although_something_takes_for_ever(tmp_path, change):
     with (
         ExitStack() as plugged,
-        running(tmp_path, source=plugged.enter_context(line_sender(lines=numbered)), change=change) as (
+        running(tmp_path, source=plugged.enter_context(line_sender(lines=numbered)), change=PATIENT + change) as (
             program,
             url,
         ),

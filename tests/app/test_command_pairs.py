@@ -60,8 +60,13 @@ def test_no_command_fails_after_another(name, tmp_path):
             assert bench.errors == [], (before, previous)
 
 
-def test_a_command_in_a_hidden_folder_is_not_offered(tmp_path):
+def test_a_command_in_a_hidden_folder_is_not_offered_and_every_control_has_a_short_hint(tmp_path):
     with headless(opened(RECORDINGS["three channels"]()), tmp_path) as (bench, _client):
+        widgets = bench.dashboard._server.gui._gui_input_handle_from_uuid.values()
+        hints = {one.label: one.hint or "" for one in widgets if hasattr(one, "hint")}
+        assert len(hints) > 40
+        wrong = [label for label, hint in hints.items() if not 0 < len(hint) <= 130 or "{" in hint or label == hint]
+        assert wrong == []
         palette = {one.label: one for one in bench.dashboard._server.gui._command_handle_from_uuid.values()}
         hidden = [palette[name] for name in ("Use", "Delete", "Back to the Kalman filter", "Send q, r and p0")]
         assert all(one.disabled for one in hidden)

@@ -17,12 +17,15 @@ from waiting import PATIENCE
 SCRIPT = """
 import signal, sys
 signal.signal(signal.SIGINT, signal.default_int_handler)
+from kalscope.common import stopping
 from kalscope_app import main
+stopping.MAX_FINISH_S = {patience}
 {change}
 sys.argv = {argv!r}
 main.main()
 """
-"""A shell starts its background jobs with SIGINT ignored, and a process inherits that."""
+"""A shell starts its background jobs with SIGINT ignored, and a process inherits that. A busy machine may take long
+to finish what a command has to finish: `benchmarks/stopping.py` shows how long."""
 
 
 @contextlib.contextmanager
@@ -34,7 +37,7 @@ def start(folder, *arguments, change="", env=None, source="demo", fresh=False):
     argv = ["kalscope", *(["open", source] if source else []), *arguments]
     (folder / "tmp").mkdir(exist_ok=True)
     own = {"TMPDIR": str(folder / "tmp"), "XDG_STATE_HOME": str(folder / "state")}
-    script, env = SCRIPT.format(change=change, argv=argv), {**os.environ, **own, **(env or {})}
+    script, env = SCRIPT.format(change=change, argv=argv, patience=PATIENCE), {**os.environ, **own, **(env or {})}
     with (started if fresh else Forked)(script, folder, env) as program:
         try:
             yield program

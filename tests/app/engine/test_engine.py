@@ -92,24 +92,6 @@ def test_studies_are_of_the_last_state_and_one_that_fails_is_told_and_the_next_o
     engine.stop()
 
 
-def test_a_failing_view_does_not_stop_the_engine(session):
-    screen = Screen()
-
-    def show(frame, parts):
-        if frame.state.tuning.q == 7:
-            raise RuntimeError("a view broke")
-        screen.show(frame, parts)
-
-    engine = Engine(session, show, screen.tell)
-    engine.start()
-    session.request(set_text("q", "7"))
-    screen.wait(lambda: screen.told)
-    session.request(set_text("q", "8"))
-    screen.wait(lambda: screen.frames and screen.frames[-1].state.tuning.q == 8)
-    assert str(screen.told[0]) == "a view broke"
-    engine.stop()
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("delay", [0.0, 0.05])
 def test_no_part_is_left_out_while_requests_keep_coming(session, delay):
@@ -127,7 +109,6 @@ def test_no_part_is_left_out_while_requests_keep_coming(session, delay):
     mover.start()
     often = (Part.SIGNAL, Part.NUMBERS, Part.CHARTS, Part.OTHER)
     screen.wait(lambda: all(len(screen.drawn[part]) >= 4 for part in often))
-    assert screen.drawn[Part.FULL] == screen.drawn[Part.FULL][:1]  # only that of the first frame
     stopping.set()
     mover.join()
     last = session.request(set_exponent("q", -1.0))
@@ -210,9 +191,9 @@ def recording(n=20_000, missing=0.0, truth=False):
 
 
 @pytest.mark.parametrize("n", [1, 2, 5, 300, MAX_POINTS, MAX_POINTS + 1, 50_000])
-@pytest.mark.parametrize("truth", [False, True])
-def test_never_more_than_the_limit_is_drawn_and_all_of_a_short_record(n, truth):
-    shown = choose_samples(recording(n, truth=truth), "z", None)
+@pytest.mark.parametrize(("truth", "missing"), [(False, 0.0), (True, 0.0), (False, 0.3), (False, 1.0)])
+def test_never_more_than_the_limit_is_drawn_and_all_of_a_short_record(n, truth, missing):
+    shown = choose_samples(recording(n, missing, truth), "z", None)
     assert len(shown.indices) <= MAX_POINTS
     assert (np.diff(shown.indices) > 0).all()
     assert shown.decimated == (len(shown.indices) < n)

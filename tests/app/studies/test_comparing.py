@@ -146,11 +146,3 @@ def test_sixteen_channels_are_drawn_of_any_number(channels, lanes):
             assert (np.abs(one.y - (i // 2 + 1)) < 0.5).all()  # no lane reaches into the next
         assert settings_of(overview).count("\n") == lanes + 1
     assert ("24 more than 16" in lead_of(overview)) == (channels == 40)
-
-
-def test_channel_names_are_escaped_in_the_table():
-    rec = replace(recording(), names=("<b>|x", "y", "z"))
-    text = settings_of(compute_overview(opened(rec), Cache()))
-    assert "<b>" not in text
-    assert text.splitlines()[2].replace(r"\|", "").count("|") == 8
-    assert "missing" not in text  # where no channel misses a sample, that column is left out

@@ -7,7 +7,6 @@ import math
 import numpy as np
 import pytest
 
-from kalscope_app.engine.filter_runs import choose_indices
 from kalscope_app.views.charts import drawable, range_text, scale_for, time_scale_for
 
 NAN, INF = math.nan, math.inf
@@ -34,17 +33,6 @@ def test_nothing_and_a_single_point_become_a_line():
     assert (x.tolist(), y.tolist()) == ([0, 1], [0, 0])
     x, y = drawable(np.array([5.0]), [np.array([7.0])])
     assert (x.tolist(), y.tolist()) == ([5, 6], [7, 7])
-
-
-@pytest.mark.parametrize("missing", [0.0, 0.3, 1.0])
-def test_indices_are_few_ascending_and_inside(missing):
-    g = np.random.default_rng(0)
-    z = g.normal(size=30_000)
-    z[g.random(len(z)) < missing] = NAN
-    at = choose_indices(z, limit=1000)
-    assert len(at) <= 1000
-    assert (np.diff(at) > 0).all()
-    assert 0 <= at[0] <= at[-1] < len(z)
 
 
 @pytest.mark.parametrize(

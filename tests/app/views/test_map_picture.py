@@ -13,13 +13,7 @@ from kalscope_app.session.changes import pin_present, set_dark
 from kalscope_app.session.opening import opened
 from kalscope_app.studies.tuning_map import MapFrame, compute_map, exponents_of, nothing
 from kalscope_app.views.charts import DARK, LIGHT
-from kalscope_app.views.map import (
-    SHARPNESS,
-    draw_map_picture,
-    lag_words,
-    shades,
-    tick,
-)
+from kalscope_app.views.map import SHARPNESS, draw_map_picture, lag_words, shades
 
 
 @pytest.fixture(scope="module")
@@ -84,8 +78,3 @@ def test_where_there_is_no_map_the_reason_is_written(state):
 )
 def test_a_lag_is_told_in_one_unit(period, lag, words):
     assert lag_words(lag, period) == words
-
-
-@pytest.mark.parametrize(("exponent", "text"), [(-3, "0.001"), (-4, "1e-4"), (3, "1\u202f000"), (4, "1e4")])
-def test_ticks_are_written_as_all_other_numbers(exponent, text):
-    assert tick(exponent) == text
