@@ -33,6 +33,12 @@ def grown(source, state, condition):
     return state
 
 
+def assert_obeys(state):
+    check = compare_with_board(state)
+    assert check.rows > 150
+    assert check.different == 0
+
+
 def test_a_board_that_runs_already_can_be_sent_to_though_it_has_told_no_names(start_board, workshop):
     firmware = exported(workshop, ChannelTuning("light", "counts", 0.5, 20.0), edits=())
     board = start_board(firmware, np.random.default_rng(8).integers(300, 700, 4000))
@@ -45,9 +51,7 @@ def test_a_board_that_runs_already_can_be_sent_to_though_it_has_told_no_names(st
         assert state.board == "value 2"
         rows = state.sent.row + 200
         state = grown(source, state, lambda state: len(state.recording) > rows)
-    check = compare_with_board(state)
-    assert check.rows > 150
-    assert check.different == 0
+    assert_obeys(state)
 
 
 @pytest.mark.parametrize(("before", "after"), [(0.0, 0.0), (20.0, 5.0), (20.0, 0.0)])
@@ -64,10 +68,7 @@ def test_only_the_channel_on_screen_gets_the_values_and_computes_what_we_do(star
         state = replace(state, sent=send_setting(state, source))
         rows = state.sent.row + 200
         state = grown(source, state, lambda state: len(state.recording) > rows)
-    check = compare_with_board(state)
-    assert check.rows > 150
-    assert check.different == 0
+    assert_obeys(state)
     column = state.recording.channel
     other = check_board(column("light"), column("light_filtered"), float32_params(light.params))
-    assert other.rows == len(state.recording)
-    assert other.different == 0
+    assert (other.rows, other.different) == (len(state.recording), 0)

@@ -17,7 +17,7 @@ from required import node
 from waiting import PATIENCE
 
 from kalscope import BadSetting, ChannelTuning, FilterParams, Recording, Tuning, export_tuning, fuse
-from kalscope.export.float32 import filter_float32, float32_params
+from kalscope.export.float32 import filter_float32
 from kalscope.export.job import step_of
 from kalscope.export.registry import TARGETS
 
@@ -39,27 +39,20 @@ def readings(seed, fusion):
 
 
 PAIR = ChannelTuning("level", "cm", 0.09, (1.0, 0.25), sensors=("sonar", "float"))
+THREE = ChannelTuning("tilt", "deg", 0.09, (1.0, 16.0, 0.01), sensors=("a", "b", "c"))
+EXACT = ChannelTuning("x", "", 0.09, (1e-30, 0.0), sensors=("a", "b"), p0=1.0)
 CASES = {
     "two": PAIR,
     "offsets": replace(PAIR, offset=(3.0, -1.5), gate=9.0),
-    "gains": ChannelTuning(
-        "tilt",
-        "deg",
-        0.09,
-        (1.0, 16.0, 0.01),
-        sensors=("a", "b", "c"),
-        offset=(0.5, -3.0, 0.0),
-        gain=(1.0, -4.1, 0.01),
-        gate=6.0,
-    ),
+    "gains": replace(THREE, offset=(0.5, -3.0, 0.0), gain=(1.0, -4.1, 0.01), gate=6.0),
     "known start": replace(PAIR, p0=4.0, x0=19.0, gate=9.0),
     "first reading": replace(PAIR, p0=4.0),
     "momentum": replace(PAIR, offset=(3.0, -1.5), momentum=7.0, gate=9.0),
     "momentum, gains and start": replace(PAIR, gain=(1.25, 0.8), momentum=1e4, p0=9.0, x0=20.0),
     "momentum, first reading": replace(PAIR, momentum=0.3, p0=2.0),
     "one": ChannelTuning("only", "", 0.09, (1.0,), sensors=("a",)),
-    "exact": ChannelTuning("x", "", 0.09, (1e-30, 0.0), sensors=("a", "b"), p0=1.0),
-    "exact, momentum": ChannelTuning("x", "", 0.09, (1e-30, 0.0), sensors=("a", "b"), p0=1.0, momentum=5.0),
+    "exact": EXACT,
+    "exact, momentum": replace(EXACT, momentum=5.0),
 }
 EACH = pytest.mark.parametrize("case", CASES)
 
@@ -75,15 +68,6 @@ def exported(case, target):
 def write(files, folder):
     for name, text in files.items():
         (folder / name).write_text(text, encoding="ascii")
-
-
-def test_the_cases_are_hard_enough():
-    """Readings are refused at the gate, rows have nobody, and an exact value meets an exact reading."""
-    results = {name: fuse(readings(4, fusion), fusion.params) for name, fusion in CASES.items()}
-    assert results["gains"].rejected.min() > 10
-    assert results["momentum"].rejected.sum() > 10
-    assert (results["exact"].s < 1e-29).sum() > 100
-    assert np.all(results["two"].k == 0.0, axis=1).sum() >= 4
 
 
 # ---- programs
@@ -201,19 +185,15 @@ def test_javascript_gives_the_bits_of_fuse(tmp_path):
 
 
 def test_a_processor_that_could_fuse_a_multiplication_with_an_addition_does_not_and_hostile_names_compile(tmp_path):
-    fusion = replace(
-        CASES["momentum, gains and start"], name='*/ #define x\n??/"\\', sensors=("int", "*/ #error"), unit="??/"
-    )
-    z, (c, cpp) = readings(4, fusion), (export_tuning(tuned(fusion), target) for target in ("c", "arduino"))
-    flags = ("-trigraphs", "-O3", *FUSED)
+    hostile = {"name": '*/ #define x\n??/"\\', "sensors": ("int", "*/ #error"), "unit": "??/"}
+    fusion = replace(CASES["momentum, gains and start"], **hostile)
+    z, nobody, flags = readings(4, fusion), np.full(ROWS, -1.0), ("-trigraphs", "-O3", *FUSED)
+    c, cpp = (export_tuning(tuned(fusion), target) for target in ("c", "arduino"))
     run = compiled(tmp_path, "gcc", c, C_MAIN.replace("NAME", "define_x"), "-std=c99", *flags)
-    x = run(z, np.full(ROWS, -1.0), np.float64)
-    np.testing.assert_array_equal(x[:, 0], fuse(z, fusion.params).x)
+    np.testing.assert_array_equal(run(z, nobody, np.float64)[:, 0], fuse(z, fusion.params).x)
     main = CPP_MAIN.replace("NAME", "DEFINE_X")
-    x = compiled(tmp_path, "g++", cpp, main, "-std=c++11", "-Wno-conversion", *flags)(
-        z, np.full(ROWS, -1.0), np.float32
-    )
-    np.testing.assert_array_equal(x[:, 0], filter_float32(z, fusion.params))
+    run = compiled(tmp_path, "g++", cpp, main, "-std=c++11", "-Wno-conversion", *flags)
+    np.testing.assert_array_equal(run(z, nobody, np.float32)[:, 0], filter_float32(z, fusion.params))
 
 
 def test_octave_gives_the_bits_of_fuse(tmp_path):
@@ -260,9 +240,8 @@ def test_json_holds_the_tuned_numbers(case):
     assert each == list(zip(fusion.sensors, fusion.r, fusion.offset, fusion.gain, strict=True))
     assert [s["share"] for s in fused["sensors"]] == fusion.params.shares.tolist()
     named = step_of(fusion)
-    assert {name: fused.get("momentum", {}).get(name) for name in list(named)[1:]} == {
-        name: value for name, value in named.items() if name != "momentum"
-    }
+    named.pop("momentum", None)
+    assert named.items() <= fused.get("momentum", {}).items()
 
 
 @pytest.mark.parametrize("fusion", [PAIR, replace(CASES["gains"], gate=None)], ids=["raw", "scaled"])
@@ -280,15 +259,15 @@ def test_esphome_fuses_as_we_do_within_float32(fusion):
 
 def test_other_refusals_say_what_helps(tmp_path):
     many = ChannelTuning("x", "", 1.0, (1.0,) * 33, sensors=tuple(map(str, range(33))))
-    with pytest.raises(BadSetting, match=r"1 to 6 sensors \(got 33\): take fewer, or export c"):
-        export_tuning(tuned(many), "arduino")
-    with pytest.raises(BadSetting, match=r"at most 32 sensors \(got 33\)"):
-        export_tuning(tuned(many), "c")
     tiny = replace(PAIR, r=(1e-60, 1.0))
-    with pytest.raises(BadSetting, match=r"^level: r / gain² must fit float32"):
-        export_tuning(tuned(tiny), "arduino")
-    with pytest.raises(BadSetting, match=r"^q \+ r / gain² \+ p0 must fit float32"):
-        float32_params(replace(PAIR, q=3e38, r=(3e38, 1.0)).params)
+    for fusion, target, message in (
+        (many, "arduino", r"1 to 6 sensors \(got 33\): take fewer, or export c"),
+        (many, "c", r"at most 32 sensors \(got 33\)"),
+        (tiny, "arduino", r"^level: r / gain² must fit float32"),
+        (replace(PAIR, q=3e38, r=(3e38, 1.0)), "arduino", r"^level: q \+ r / gain² \+ p0 must fit float32"),
+    ):
+        with pytest.raises(BadSetting, match=message):
+            export_tuning(tuned(fusion), target)
     files, main = export_tuning(tuned(tiny), "c"), C_MAIN.replace("NAME", "level")
     with pytest.raises(subprocess.CalledProcessError) as failed:
         compiled(tmp_path, "gcc", files, main, "-std=c99", "-DKALSCOPE_FLOAT")

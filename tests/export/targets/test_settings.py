@@ -7,11 +7,13 @@ import re
 import statistics
 from collections import deque
 from dataclasses import replace
-from itertools import pairwise
+from functools import partial
+from itertools import accumulate, pairwise
 
 import numpy as np
 import pytest
 import yaml
+from scipy.signal import lfilter
 
 from kalscope import BadSetting, ChannelTuning, Recording, Tuning, denoise, export_tuning
 from kalscope.export.settings import SETTINGS, settings_of
@@ -48,32 +50,23 @@ def number(text, pattern):
 
 def smoothing(alpha, z):
     """x += alpha (z - x) from the first reading on."""
-    x, out = z[0], []
-    for sample in z:
-        x += alpha * (sample - x)
-        out.append(x)
-    return np.array(out)
+    return np.array(list(accumulate(z, lambda x, sample: x + alpha * (sample - x))))
 
 
-def esphome_exponential(text, z):
+def esphome(take, text, z):
     numbers = filters_of(text)
     assert numbers["send_every"] == 1
-    return smoothing(numbers["alpha"], z)
-
-
-def windowed(take, text, z):
-    numbers = filters_of(text)
-    assert numbers["send_every"] == 1
+    if "alpha" in numbers:
+        return smoothing(numbers["alpha"], z)
     window = deque(maxlen=numbers["window_size"])
     return np.array([take(window) for sample in z if window.append(sample) is None])
 
 
 def home_lowpass(text, z):
-    numbers, states = filters_of(text), [round(z[0], 2)]
-    for sample in z[1:]:
-        new = 1.0 / numbers["time_constant"]
-        states.append(round((1.0 - new) * states[-1] + new * sample, numbers["precision"]))
-    return np.array(states)
+    numbers = filters_of(text)
+    new = 1.0 / numbers["time_constant"]
+    steps = accumulate(z, lambda x, one: round((1.0 - new) * x + new * one, numbers["precision"]))
+    return np.array(list(steps))
 
 
 def home_average(text, z):
@@ -91,52 +84,36 @@ def home_average(text, z):
     return np.array(out)
 
 
-def klipper(text, z):
-    return smoothing(min(PERIOD / number(text, "smooth_time: "), 1.0), z)
-
-
 def first_order(pattern, text, z):
     rc = 1.0 / (2.0 * math.pi * number(text, pattern))
     return smoothing(PERIOD / (PERIOD + rc), z)
 
 
 def second_order(text, z):
-    ohm = math.tan(math.pi * number(text, "INS_GYRO_FILTER,") * PERIOD)
-    c = 1.0 + 2.0 * math.cos(math.pi / 4.0) * ohm + ohm * ohm
-    b0, a1, a2 = (
-        ohm * ohm / c,
-        2.0 * (ohm * ohm - 1.0) / c,
-        (1.0 - 2.0 * math.cos(math.pi / 4.0) * ohm + ohm * ohm) / c,
-    )
-    d1 = d2 = z[0] / (1.0 + a1 + a2)
-    out = []
-    for sample in z:
-        d0 = sample - d1 * a1 - d2 * a2
-        out.append(d0 * b0 + d1 * 2.0 * b0 + d2 * b0)
-        d1, d2 = d0, d1
-    return np.array(out)
+    ohm, cosine = math.tan(math.pi * number(text, "INS_GYRO_FILTER,") * PERIOD), 2.0 * math.cos(math.pi / 4.0)
+    c, b0 = 1.0 + cosine * ohm + ohm * ohm, ohm * ohm
+    return lfilter([b0, 2.0 * b0, b0], [c, 2.0 * (ohm * ohm - 1.0), 1.0 - cosine * ohm + ohm * ohm], z)
 
 
 def rc(text, z):
     """dx/dt = (z - x)/(R C) between the readings, z a straight line."""
     tau, x, out = 1e-6 * number(text, "R = ") * number(text, "C = "), z[0], [z[0]]
-    kept = math.exp(-PERIOD / tau)
     for before, sample in pairwise(z):
-        slope = (sample - before) / PERIOD
-        x = sample - slope * tau + kept * (x - before + slope * tau)
+        bent = (sample - before) * tau / PERIOD
+        x = sample - bent + math.exp(-PERIOD / tau) * (x - before + bent)
         out.append(x)
     return np.array(out)
 
 
 RUNS = {
-    "esphome-exponential": esphome_exponential,
-    "esphome-average": lambda text, z: windowed(statistics.fmean, text, z),
-    "esphome-median": lambda text, z: windowed(statistics.median, text, z),
+    "esphome-exponential": partial(esphome, None),
+    "esphome-average": partial(esphome, statistics.fmean),
+    "esphome-median": partial(esphome, statistics.median),
     "homeassistant-lowpass": home_lowpass,
     "homeassistant-average": home_average,
-    "klipper": klipper,
-    "betaflight": lambda text, z: first_order("gyro_lpf1_static_hz = ", text, z),
-    "ardupilot": lambda text, z: first_order("ATC_RAT_RLL_FLTD,", text, z),
+    "klipper": lambda text, z: smoothing(min(PERIOD / number(text, "smooth_time: "), 1.0), z),
+    "betaflight": partial(first_order, "gyro_lpf1_static_hz = "),
+    "ardupilot": partial(first_order, "ATC_RAT_RLL_FLTD,"),
     "ardupilot-2p": second_order,
     "rc": rc,
 }

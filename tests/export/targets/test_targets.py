@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+import csv
+import io
 import json
+import math
+import random
 import re
 import subprocess
 import sys
+from dataclasses import dataclass, replace
 from itertools import cycle
 
 import numpy as np
@@ -17,10 +22,157 @@ from required import node
 from ruamel.yaml import YAML
 from waiting import PATIENCE
 
-from kalscope import BadSetting, ChannelTuning, Tuning, export_tuning, kalman_filter, steady_state
-from kalscope.export.job import step_of
-from kalscope.export.registry import TARGETS
+from kalscope import BadSetting, ChannelTuning, Recording, Tuning, export_tuning, kalman_filter, steady_state
+from kalscope.export.job import job_of, step_of
+from kalscope.export.registry import MAX_ROWS, TARGETS, vector_files
 from kalscope.filtering.classic import Chain, Exponential
+from kalscope.filtering.kernels import transition
+
+ROWS = 400
+MISSING = math.nan
+
+
+@dataclass(frozen=True)
+class Shared:
+    """What all targets are checked on; arrays have shape (ROWS, channels), in the order of `tuning.channels`."""
+
+    tuning: Tuning
+    recording: Recording
+    x: np.ndarray
+    """Filtered values of the textbook oracle below."""
+    k: np.ndarray
+    """Its gains."""
+
+
+def textbook(channel, z):
+    """x and k after each sample: the five lines, a missing sample, the three starts and the gate.
+
+    A second state is the velocity v, whose variance is w and its covariance with x is g: without momentum all 0.
+    """
+    e, f, q11, q12, q22, w = 0.0, 0.0, channel.q, 0.0, 0.0, 0.0
+    if channel.momentum:
+        e, f, q11, q12, q22 = transition(1.0, channel.q, channel.momentum)
+        w = 0.5 * channel.q / channel.momentum
+    x, v = (MISSING if channel.x0 is None else channel.x0), 0.0
+    p, g = (math.inf if channel.p0 is None else channel.p0), 0.0
+    refused, answers = 0, []
+    for sample in z:
+        x, v = x + f * v, e * v
+        p, g, w = p + f * (2.0 * g + f * w) + q11, e * (g + f * w) + q12, e * e * w + q22
+        k, s = 0.0, p + channel.r
+        if math.isnan(sample):
+            pass
+        elif math.isinf(p):
+            x, p, g, k, refused = sample, channel.r, 0.0, 1.0, 0
+        elif channel.gate is not None and (sample - x) * (sample - x) > channel.gate * s and refused < 5:
+            refused += 1
+        else:
+            k, ell = p / s, g / s
+            x, v = (sample, v) if math.isnan(x) else (x + k * (sample - x), v + ell * (sample - x))
+            p, g, w, refused = k * channel.r, ell * channel.r, w - ell * g, 0
+        answers.append((x, k))
+    return np.array(answers)
+
+
+def by_kalscope(channel, samples):
+    """The same of two speeds, whose textbook is in tests/filtering/test_two_speeds.py."""
+    result = kalman_filter(np.array(samples), channel.params)
+    return np.column_stack((result.x, result.k))
+
+
+def noisy(seed, level=0.0, sigma=1.0):
+    rng = random.Random(seed)
+    return [level + rng.gauss(0.0, sigma) for _ in range(ROWS)]
+
+
+def channels_and_samples():
+    """Each channel is one difficulty."""
+    holes = noisy(2, 20.0)
+    for i in (0, 1, 50, 51, 52, *range(100, 140), ROWS - 1):
+        holes[i] = MISSING
+    jump = [*noisy(3)[:200], *noisy(3, 50.0)[200:]]
+    spikes = noisy(4)
+    for i in (30, 31, 90, *range(150, 162), 300):
+        spikes[i] += 40.0
+    gaps_and_spikes = [MISSING if i in range(152, 155) else z for i, z in enumerate(spikes)]
+    late = [MISSING] * 7 + noisy(5, -3.0)[7:]
+    return [
+        (ChannelTuning("diffuse", "V", 0.01, 1.0), noisy(1)),
+        (ChannelTuning("holes", "degC", 0.125, 1.0), holes),
+        (ChannelTuning("level jump", "V", 0.001, 0.5, 1.0, 0.0), jump),
+        (ChannelTuning("gate", "V", 0.01, 1.0, gate=9.0), spikes),
+        (ChannelTuning("gate and holes", "V", 0.01, 1.0, 4.0, 0.5, gate=9.0), gaps_and_spikes),
+        (ChannelTuning("first sample", "V", 0.3, 2.0, 5.0), late),
+        (ChannelTuning("late diffuse", "V", 0.3, 2.0), late),
+        (ChannelTuning("p0 zero", "V", 1.0, 100.0, 0.0, 0.0), noisy(6, sigma=40.0)),
+        (ChannelTuning("q zero", "V", 0.0, 25.0, 225.0, 60.0), noisy(7, 50.0, 5.0)),
+        (ChannelTuning("r zero", "V", 2.0, 0.0), noisy(8)),
+        (ChannelTuning("slow", "V", 1e-9, 3.0), noisy(9)),
+        (ChannelTuning("tiny", "V", 1e-14, 1e-12), noisy(10, 1e-5, 1e-6)),
+        (ChannelTuning("large", "Pa", 1e8, 1e10), noisy(11, 1e5, 1e5)),
+    ]
+
+
+def extreme_channels():
+    """What float32 cannot hold."""
+    return [
+        (ChannelTuning("minute", "V", 1e-280, 1e-270), noisy(12, 1e-134, 1e-135)),
+        (ChannelTuning("subnormal", "V", 5e-324, 1e-310), noisy(13, 0.0, 1e-155)),
+        (ChannelTuning("huge", "V", 1e270, 1e280), noisy(14, 1e140, 1e140)),
+        (ChannelTuning("huge gate", "V", 1e300, 1e300, gate=4.0), noisy(15, 1e150, 3e150)),
+    ]
+
+
+def channels_with_two_speeds():
+    """The difficulties that they can have, beside one without."""
+    cases = [(one, samples) for one, samples in channels_and_samples() if one.r and one.q and not one.gate]
+    spikes, steps = (samples for one, samples in channels_and_samples() if one.name in ("gate", "level jump"))
+    kinds = [(f"{one.name} twice", 10.0 ** (i + 1), 0.0 if i % 2 else 0.01) for i, (one, _) in enumerate(cases)]
+    return cases[:1] + [
+        (replace(one, name=name, fast=fast, spikes=share), samples if i else (*spikes[:200], *steps[200:]))
+        for i, ((one, samples), (name, fast, share)) in enumerate(zip(cases, kinds, strict=True))
+    ]
+
+
+MOMENTA = (20.0, 0.3, 1e5, 3.0, 100.0)
+
+
+def channels_with_momentum():
+    """The same difficulties with momenta from a third of a sample on, among some without."""
+    cases = channels_and_samples()
+    return cases[:2] + [
+        (replace(channel, name=f"{channel.name} on", momentum=MOMENTA[i % len(MOMENTA)]), samples)
+        for i, (channel, samples) in enumerate(cases)
+    ]
+
+
+def answered(cases):
+    """The cases with what the textbook answers."""
+    channels = tuple(channel for channel, _ in cases)
+    z = np.array([samples for _, samples in cases]).T
+    answers = np.array([textbook(*case) if case[0].fast is None else by_kalscope(*case) for case in cases])
+    names = tuple(channel.name for channel in channels)
+    recording = Recording(np.arange(ROWS) * 0.01, names, ("",) * len(names), z, 0.01)
+    return Shared(Tuning(channels, sample_period=0.01), recording, answers[..., 0].T, answers[..., 1].T)
+
+
+KINDS = {
+    "five lines": lambda: channels_and_samples() + extreme_channels(),
+    "momentum": channels_with_momentum,
+    "two speeds": channels_with_two_speeds,
+}
+
+
+@pytest.fixture(scope="module", params=KINDS)
+def either(request):
+    """The shared vectors without momentum, with it, and with two speeds."""
+    return answered(KINDS[request.param]())
+
+
+@pytest.fixture(scope="module")
+def shared():
+    """Those without momentum."""
+    return answered(KINDS["five lines"]())
 
 
 def run(*command, stdin="", cwd=None):
@@ -150,20 +302,17 @@ def test_javascript_is_the_same_filter_in_node(either, tmp_path):
 
 
 @pytest.mark.parametrize("load", [yaml.safe_load, YAML(typ="safe", pure=True).load])
-def test_esphome_numbers_make_its_filter_ours_within_float32(shared_float32, load):
-    names = ["diffuse", "holes", "late diffuse", "r zero", "tiny", "large"]
-    good = shared_float32.only(names)
-    (text,) = export_tuning(good.tuning, "esphome").values()
-    sensors = load(text)["sensor"]
-    assert len(sensors) == len(names)
-    for i, (sensor, channel) in enumerate(zip(sensors, good.tuning.channels, strict=True)):
+def test_esphome_numbers_make_its_filter_ours_within_float32(shared, load):
+    for name in ("diffuse", "holes", "late diffuse", "r zero", "tiny", "large"):
+        (text,) = export_tuning(shared.tuning, "esphome", channel=name).values()
+        i, channel, (sensor,) = shared.recording.index(name), shared.tuning.channel(name), load(text)["sensor"]
         assert (sensor["platform"], sensor["type"]) == ("combination", "kalman")
         (source,) = sensor["sources"]
         assert sensor["process_std_dev"] ** 2 * 0.01 == pytest.approx(channel.q, rel=1e-15)
         assert source["error"] ** 2 == pytest.approx(channel.r, rel=1e-15)
-        z = good.recording.values[:, i]
+        z = shared.recording.values[:, i]
         x = esphome([sensor], z[:, None])
-        np.testing.assert_allclose(x, good.x[:, i], rtol=0.0, atol=3e-6 * np.nanmax(np.abs(z)))
+        np.testing.assert_allclose(x, shared.x[:, i], rtol=0.0, atol=3e-6 * np.nanmax(np.abs(z)))
 
 
 def test_esphome_refuses_what_it_cannot_hold(shared):
@@ -207,3 +356,49 @@ def test_without_momentum_no_export_speaks_of_it(target):
     tuning = Tuning((ChannelTuning("temp", "degC", 0.01, 0.25),), sample_period=0.01)
     text = "\n".join(export_tuning(tuning, target).values())
     assert re.search("momentum|velocity|@plain", text) is None
+
+
+# ---- test vectors
+
+
+def read(text, *more):
+    rows = list(csv.reader(io.StringIO(text)))
+    assert rows[0] == ["time", "raw", "filtered", "gain", *more]
+    return np.array([[float(cell) for cell in row] for row in rows[1:]])
+
+
+def test_our_filter_answers_as_the_textbook_bit_for_bit(either):
+    for i, channel in enumerate(either.tuning.channels):
+        result = kalman_filter(either.recording.values[:, i], channel.params)
+        np.testing.assert_array_equal(result.x, either.x[:, i], err_msg=channel.name)
+        np.testing.assert_array_equal(result.k, either.k[:, i], err_msg=channel.name)
+
+
+def test_a_vector_file_reads_back_bit_for_bit(either):
+    files = vector_files(job_of(either.tuning), either.recording)
+    assert len(files) == len(either.recording.names)
+    for i, text in enumerate(files.values()):
+        channel = either.tuning.channels[i]
+        columns = read(text, *(["velocity"] if channel.momentum else []))
+        np.testing.assert_array_equal(columns[:, 0], either.recording.time)
+        np.testing.assert_array_equal(columns[:, 1], either.recording.values[:, i])
+        np.testing.assert_array_equal(columns[:, 2], either.x[:, i])
+        np.testing.assert_array_equal(columns[:, 3], either.k[:, i])
+        if channel.momentum:
+            velocity = kalman_filter(either.recording.values[:, i], channel.params).velocity
+            np.testing.assert_array_equal(columns[:, 4], velocity)
+
+
+def test_vectors_are_the_start_of_a_long_recording():
+    z = np.linspace(0.0, 1.0, 5000)[:, None]
+    recording = Recording(np.arange(5000.0), ("a",), ("",), z, 1.0)
+    job = job_of(Tuning((ChannelTuning("another name", "", 1.0, 1.0),)))
+    assert len(read(vector_files(job, recording)["groundtruth.csv"])) == MAX_ROWS
+
+
+def test_a_recording_that_does_not_fit_is_refused(shared):
+    short = Recording(np.arange(3.0), ("a",), ("",), np.ones((3, 1)), 1.0)
+    with pytest.raises(BadSetting, match="channel must be one of a"):
+        export_tuning(shared.tuning, "json", vectors=short)
+    with pytest.raises(BadSetting, match="at least one row"):
+        vector_files(job_of(shared.tuning), replace(short, time=short.time[:0], values=short.values[:0]))
