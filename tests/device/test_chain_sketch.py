@@ -14,8 +14,6 @@ from kalscope.export.float32 import filter_float32, float32_tuning
 from kalscope.filtering.classic import Butterworth, Chain, Exponential, Median, MovingAverage, OneEuro
 from kalscope.tuning.tuning import ChannelTuning
 
-pytestmark = pytest.mark.device
-
 CHANNELS = (
     ChannelTuning("flex", "", 0.3, 40.0, gate=9.0, momentum=30.0, chain=Chain(5)),
     ChannelTuning("tilt", "", 1.0, 1.0, chain=Chain(3, OneEuro(0.004, 2e-4, 0.05))),

@@ -18,20 +18,13 @@ from kalscope.export.board import commands, is_refusal, read_answer
 from kalscope.export.float32 import filter_float32, float32_params
 from kalscope.tuning.tuning import ChannelTuning
 
-pytestmark = pytest.mark.device
-
 TRIPLES = [
     (0.01, 4.0, None),
-    (1e-3, 25.0, 1000.0),
     (0.05, 0.3, 0.0),
-    (2.0, 2.0, 1.0),
     (1e-5, 9.7, 100.0),
-    (1.0, 100.0, 1.0),
     (30.0, 0.1, None),
     (0.0, 4.0, 50.0),
     (0.7, 0.0, 3.0),
-    (1e-7, 1e-3, 1e-9),
-    (123.456, 7890.1, 1e6),
     (1e-10, 3.3, 12.0),
     (2e-37, 1e-36, 2e-38),
     (1e36, 1e37, 1e38),
@@ -108,22 +101,12 @@ def test_a_board_gives_the_bits_of_the_host_also_after_changes_while_it_runs(
 
 
 GATED = ChannelTuning("*/ #define A0 1", "mV", 0.01, 40.0, gate=9.0)
-THREE = {
-    "plain": (
-        GATED,
-        ChannelTuning("temp", "", 1e-3, 25.0, 1000.0),
-        ChannelTuning("temp ", "", 3e-15, 30.0, 1.2e-6, 0.5),
-    ),
-    "momentum": (
-        replace(GATED, momentum=30.0),
-        ChannelTuning("begun", "", 1e-3, 25.0, 1000.0, 400.0, momentum=1e4),
-        GATED,
-    ),
-}
+THREE = (GATED, replace(GATED, q=3e-15, p0=1.2e-6, x0=400.0), ChannelTuning("temp", "", 1e-3, 25.0, 1000.0))
 
 
-@pytest.mark.parametrize("channels", THREE.values(), ids=list(THREE))
-def test_gate_start_and_missing_samples_on_three_channels(start_board, workshop, channels):
+@pytest.mark.parametrize("momenta", [(0.0, 0.0, 0.0), (30.0, 1e4, 0.0)], ids=["plain", "momentum"])
+def test_gate_start_and_missing_samples_on_three_channels(start_board, workshop, momenta):
+    channels = [replace(one, momentum=momentum) for one, momentum in zip(THREE, momenta, strict=True)]
     counts = noisy_counts(1000 * 3).reshape(-1, 3)
     rng = np.random.default_rng(9)
     counts[rng.random(counts.shape) < 0.02] = 1023  # spikes for the gate

@@ -7,26 +7,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from board import FLAT_OUT, read_lines
+from exported_program import FUSION
 from exported_sketch import FAST, MISSING, exported, saved, step_us
 
 from kalscope import ChannelTuning
 from kalscope.export.float32 import filter_float32
 
-pytestmark = pytest.mark.device
-
 
 def test_three_sensors_with_gaps_and_spikes_are_fused_to_the_bit(start_board, workshop):
-    fusion = ChannelTuning(
-        "level",
-        "",
-        4.0,
-        (90.0, 25.0, 400.0),
-        sensors=("a", "b", "c"),
-        offset=(0.0, 12.5, -30.0),
-        gain=(1.0, 1.05, 0.9),
-        gate=9.0,
-        momentum=20.0,
-    )
+    fusion = replace(FUSION, unit="")
     rng = np.random.default_rng(5)
     x = 500.0 + 200.0 * np.sin(np.arange(700) / 60.0)
     counts = np.array(fusion.offset) + np.array(fusion.gain) * x[:, None] + rng.normal(size=(700, 3)) * 8.0

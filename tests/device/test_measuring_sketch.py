@@ -18,8 +18,6 @@ from kalscope.export.board import Calibrated, NotCalibrated, read_calibration
 from kalscope.export.board import read_answer as read_values
 from kalscope.tuning.tuning import ChannelTuning
 
-pytestmark = pytest.mark.device
-
 COUNTS = (1.0, 0.0, 1023.0)
 SECONDS = 0.4
 ROWS = rows_of(SECONDS, 0.001)

@@ -18,8 +18,6 @@ from kalscope_app.live import send_setting
 from kalscope_app.session.changes import opened_live, refreshed, set_sent
 from kalscope_app.studies.checks import compare_with_board
 
-pytestmark = pytest.mark.device
-
 
 def grown(source, state, condition):
     """The state once enough samples have arrived."""

@@ -11,11 +11,24 @@ from required import not_here
 
 from kalscope.export.job import ExportJob
 from kalscope.export.targets import arduino, c
+from kalscope.tuning.tuning import ChannelTuning
 
 CPUINFO = Path("/proc/cpuinfo")
 FUSED = ("-mfma",) if CPUINFO.is_file() and " fma " in CPUINFO.read_text() else ()
 """Lets the compiler fuse a product with a sum, where the exported code did not forbid it."""
 FLAGS = ("-Wall", "-Wextra", "-Wconversion", "-Wdouble-promotion", "-Wshadow", "-pedantic", "-Werror")
+
+FUSION = ChannelTuning(
+    "level",
+    "V",
+    4.0,
+    (90.0, 25.0, 400.0),
+    sensors=("a", "b", "c"),
+    offset=(0.0, 12.5, -30.0),
+    gain=(1.0, 1.05, 0.9),
+    gate=9.0,
+    momentum=20.0,
+)
 
 C_MAIN = """
 #include <stdio.h>

@@ -1,21 +1,24 @@
-"""Classic filters and chains on every target that runs them: the bits of the core, and a refusal by the others."""
+"""Kalman filters, classic filters and chains, compiled here with every warning an error: the bits of the core."""
 
 from __future__ import annotations
 
 import json
 import math
+import subprocess
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from exported_program import FUSED, in_c, in_cpp
+from exported_program import FUSED, build, in_c, in_cpp
 
-from kalscope import BadSetting, ChannelTuning, Recording, Tuning, export_tuning
-from kalscope.export.float32 import filter_float32
+from kalscope import BadSetting, ChannelTuning, Recording, Tuning, export_tuning, kalman_filter
+from kalscope.export.board import momentum_on_board
+from kalscope.export.float32 import filter_float32, without_momentum
 from kalscope.export.job import ExportJob
 from kalscope.export.targets import arduino, c
 from kalscope.export.targets.c import numbers_of
 from kalscope.filtering.classic import Butterworth, Chain, Exponential, Median, MovingAverage, OneEuro
+from kalscope.filtering.kernels import transition
 from kalscope.tuning.toml_text import chain_in
 
 STAGES = (
@@ -75,34 +78,58 @@ def assert_bits(found, expected, channels=CHANNELS):
     assert wrong == []
 
 
-@pytest.fixture(scope="module")
-def in_double():
-    return [channel.filter.run(signal()).x for channel in CHANNELS]
+FILTERS = (
+    ChannelTuning("plain", "V", 0.01, 4.0),
+    ChannelTuning("start", "V", 1e-3, 25.0, 1000.0, 480.0),
+    ChannelTuning("gated", "V", 0.3, 20.0, 10.0, gate=9.0),
+    ChannelTuning("q0", "V", 0.0, 7.0, 0.5),
+    ChannelTuning("r0", "V", 0.2, 0.0, 3.0),
+    ChannelTuning("slow", "V", 3e-15, 30.0, 1.2e-6, 0.5),
+)
+WITH_MOMENTUM = (
+    *(
+        replace(channel, momentum=momentum)
+        for channel, momentum in zip(FILTERS, (20.0, 0.01, 1e5, 3.0, 50.0, 7.0), strict=True)
+    ),
+    FILTERS[0],
+    FILTERS[2],
+)
+"""Each filter with a momentum, and two without among them."""
+SETS = {"five lines": FILTERS, "momentum": WITH_MOMENTUM, "chains": CHANNELS}
+EACH = pytest.mark.parametrize("channels", SETS.values(), ids=SETS)
 
 
-@pytest.fixture(scope="module")
-def in_float():
-    return [filter_float32(signal(np.float32), channel) for channel in CHANNELS]
+def in_double(channels):
+    return [channel.filter.run(signal()).x for channel in channels]
 
 
-def test_c_in_double_has_the_bits_of_the_core(tmp_path, in_double):
-    assert_bits(in_c(tmp_path, CHANNELS, np.nan_to_num(signal(), nan=np.inf), "-std=c99", "-O1"), in_double)
+def in_float(channels):
+    return [filter_float32(signal(np.float32), channel) for channel in channels]
 
 
-def test_c_and_cpp_in_float_have_the_bits_of_the_core_in_float32(tmp_path, monkeypatch, in_float):
-    monkeypatch.setattr(arduino, "ANALOGUE_PINS", len(CHANNELS))
-    z = signal(np.float32)
-    assert_bits(in_c(tmp_path, CHANNELS, z, "-std=gnu11", "-O2", *FUSED, "-DKALSCOPE_FLOAT"), in_float)
-    assert_bits(in_cpp(tmp_path, CHANNELS, z, "-std=gnu++11", "-O2", *FUSED), in_float)
+@EACH
+def test_c_has_the_bits_of_the_core_in_double_and_in_float(tmp_path, channels):
+    z, fused = np.nan_to_num(signal(), nan=np.inf), ("-std=gnu11", "-O2", *FUSED)
+    for flags in (("-std=c99", "-O1"), fused):
+        assert_bits(in_c(tmp_path, channels, z, *flags), in_double(channels), channels)
+    small = in_c(tmp_path, channels, signal(np.float32), *fused, "-DKALSCOPE_FLOAT")
+    assert_bits(small, in_float(channels), channels)
 
 
-def test_python_has_the_bits_of_the_core(tmp_path, in_double):
+@EACH
+def test_cpp_has_the_bits_of_the_core_in_float32(tmp_path, monkeypatch, channels):
+    monkeypatch.setattr(arduino, "ANALOGUE_PINS", len(channels))
+    for flags in (("-std=c++11", "-O1"), ("-std=gnu++17", "-O2", *FUSED)):
+        assert_bits(in_cpp(tmp_path, channels, signal(np.float32), *flags), in_float(channels), channels)
+
+
+def test_python_has_the_bits_of_the_core():
     texts = export_tuning(Tuning(CHANNELS, sample_period=0.01), "python")
     own: dict = {}
     exec(texts["kalscope_filter.py"], own)
     z = np.nan_to_num(signal(), nan=np.inf).tolist()
     found = [np.array([one.update(sample) for sample in z]) for one in own["FILTERS"].values()]
-    assert_bits([x + 0.0 for x in found], [x + 0.0 for x in in_double])  # a sort does not know -0 from 0
+    assert_bits([x + 0.0 for x in found], [x + 0.0 for x in in_double(CHANNELS)])  # a sort does not know -0 from 0
     assert all(one.x == x[-1] for one, x in zip(own["FILTERS"].values(), found, strict=True))
 
 
@@ -137,3 +164,51 @@ def test_a_growth_that_float_cannot_hold_is_refused_by_name_and_runs_in_double()
     with pytest.raises(BadSetting, match=r"steep: One-euro must compute with numbers that float32 holds"):
         arduino.files(ExportJob((steep,)))
     assert "float cannot hold the values of steep" in c.files(ExportJob((steep,)))["kalscope_filter.c"]
+
+
+SET_MAIN = r"""
+#include <stdio.h>
+#include "KalscopeFilter.h"
+int main() {
+  KalscopeFilter filter(KALSCOPE_TUNING_PLAIN);
+  float said[2];
+  while (fread(said, sizeof said, 1, stdin) == 1) {
+    filter.setMomentum(said[0], said[1]);
+    const KalscopeTuning &t = filter.tuning;
+    const float held[] = {t.momentum, t.e, t.f, t.q11, t.q12, t.q22, t.w0};
+    fwrite(held, sizeof held, 1, stdout);
+  }
+}
+"""
+
+
+@pytest.mark.parametrize("flags", [("-O2",), ("-O3", *FUSED)])
+def test_the_constants_that_a_board_computes_are_those_we_predict(tmp_path, flags):
+    rng = np.random.default_rng(4)
+    q = 10.0 ** rng.uniform(-6, 6, 2000)
+    tau = np.concatenate([[0.0, 1.0, 2.0, 1e-3, 1e5], 10.0 ** rng.uniform(-3, 5, 1995)])
+    said = np.stack([q, tau], axis=1).astype(np.float32)
+    texts = {"KalscopeFilter.h": arduino.files(ExportJob(WITH_MOMENTUM[:1]))["KalscopeFilter.h"]}
+    run = build(tmp_path, "g++", texts, SET_MAIN, "-std=c++11", "-Wno-unused-result", *flags)
+    answer = np.frombuffer(run(said.tobytes()), np.float32).reshape(-1, 7)
+    expected = [list(vars(momentum_on_board(*pair) or without_momentum(pair[0])).values()) for pair in said]
+    np.testing.assert_array_equal(answer, np.array(expected, dtype=np.float32))
+    lasts = said[:, 1] > 0.0
+    exact = np.array([transition(1.0, *pair) for pair in said[lasts].astype(float)])
+    np.testing.assert_allclose(answer[lasts, 1], exact[:, 0], rtol=0.0, atol=2e-7)
+    np.testing.assert_allclose(answer[lasts, 2:6], exact[:, 1:], rtol=1e-6)
+
+
+def test_what_float_cannot_hold_stops_the_c_compiler_in_float_only(tmp_path):
+    tiny, z = ChannelTuning("tiny", "", 1e-60, 1e-58), signal()
+    np.testing.assert_array_equal(in_c(tmp_path, (tiny,), z, "-std=c99")[0], kalman_filter(z, tiny.params).x)
+    with pytest.raises(subprocess.CalledProcessError) as failed:
+        in_c(tmp_path, (tiny,), z, "-std=c99", "-DKALSCOPE_FLOAT")
+    assert "float cannot hold the values of tiny" in failed.value.stderr
+
+
+def test_several_channels_and_hostile_names_compile(tmp_path):
+    names = ("*/ #define x", "int", "a\nb\\", "??/", "ünïcode 😀", "n" * 300, '"', "update", "start", "filter_c_h")
+    channels = tuple(ChannelTuning(name, name, 0.1, 1.0) for name in names)
+    texts = c.files(ExportJob(channels, source_name="*/\n#error", tool="\\\n", date="*/"))
+    build(tmp_path, "gcc", texts, "int main(void) { return 0; }", "-std=c99", "-trigraphs")

@@ -266,7 +266,7 @@ def test_json_holds_the_tuned_numbers_and_the_constants_of_a_momentum(either):
 
 
 def test_c_is_the_same_filter_under_gcc(either, tmp_path):
-    """In double; tests/export/targets/test_compiled.py has float and other processors."""
+    """In double; tests/export/targets/test_chains.py has float and other processors."""
     files = export_tuning(either.tuning, "c")
     names = re.findall(r"extern const kalscope_tuning (\w+);", files["kalscope_filter.h"])
     start = "".join(f"kalscope_start(&f[{i}], &{name});\n" for i, name in enumerate(names))

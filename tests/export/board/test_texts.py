@@ -1,4 +1,4 @@
-"""Commands and answers as texts; tests/device has them with a board."""
+"""Commands, answers and rows of a board as texts; tests/device has them with a board."""
 
 from __future__ import annotations
 
@@ -8,8 +8,17 @@ import numpy as np
 import pytest
 
 from kalscope import BadSetting, FilterParams
-from kalscope.export.board import BoardAnswer, FixedFilter, commands, is_refusal, momentum_on_board, read_answer
-from kalscope.export.float32 import Float32Params, float32_params, without_momentum
+from kalscope.export.board import (
+    BoardAnswer,
+    BoardCheck,
+    FixedFilter,
+    check_board,
+    commands,
+    is_refusal,
+    momentum_on_board,
+    read_answer,
+)
+from kalscope.export.float32 import Float32Params, filter_float32, float32_params, without_momentum
 
 F = np.float32
 MAX_LINE = 30
@@ -20,11 +29,11 @@ def test_a_command_says_the_float32_exactly_and_fits_the_line_of_a_board():
     rng = np.random.default_rng(2)
     values = rng.integers(0x00800000, 0x7E000000, (500, 3), dtype=np.uint32).view(np.float32)
     for q, r, p0 in values:
-        tau = np.float32(10.0 ** rng.uniform(-3, 5))
+        tau = F(10.0 ** rng.uniform(-3, 5))
         momentum = replace(without_momentum(q), momentum=tau)
         lines = commands(Float32Params(q, r, p0, momentum=momentum), channel=6, knows_momentum=True)
         assert max(map(len, lines)) <= MAX_LINE
-        said = {line.split()[1]: np.float32(line.split()[2]) for line in lines}
+        said = {line.split()[1]: F(line.split()[2]) for line in lines}
         assert said == {"q": q, "r": r, "t": tau, "p": p0}
 
 
@@ -69,3 +78,38 @@ def test_an_answer_may_name_a_median_and_a_filter_that_takes_no_values():
 def test_any_other_line_is_no_answer(line):
     assert read_answer(line) is None
     assert not is_refusal(line)
+
+
+PARAMS = Float32Params(F(0.01), F(4.0))
+
+
+@pytest.mark.parametrize("params", [PARAMS, replace(PARAMS, p0=F(2.0), x0=F(500.0))])
+def test_from_its_restart_on_a_board_is_equal_or_its_distance_is_told(params):
+    rng = np.random.default_rng(5)
+    raw = rng.integers(0, 1024, 500).astype(F)
+    before = np.cumsum(rng.random(100)).astype(F) + F(0.37)  # another filter, before the restart
+    board = np.concatenate([before, filter_float32(raw[100:], params)])
+    assert check_board(raw, board, params) == BoardCheck(400, 0, 0.0)
+    exact = float(board[300])
+    board[300] = np.nextafter(board[300], F(np.inf))
+    assert check_board(raw, board, params) == BoardCheck(400, 1, float(board[300]) - exact)
+    assert check_board(raw[:100], board[:100], params) is None
+    other = replace(params, q=F(0.0100001))
+    assert check_board(raw, board, other).different > 100
+    raw[200] = np.nan
+    board[100:] = filter_float32(raw[100:], params)
+    board[250] = np.nan  # a line that was rejected
+    assert check_board(raw, board, params) == BoardCheck(399, 0, 0.0)
+
+
+@pytest.mark.parametrize("resting", [0, 1, 8, 200])
+def test_a_restart_while_the_input_rests_is_found_where_it_was(resting):
+    """The old filter has come to rest on the input: each of its rows looks like a start."""
+    old, new = Float32Params(F(1.0), F(1.0)), Float32Params(F(1e-4), F(1.0))
+    rest, later = np.full(200 + resting, 512.0), np.concatenate([np.full(20, 512.0), 512 + np.arange(400.0) % 300])
+    board = np.concatenate([filter_float32(rest, old)[200:], filter_float32(later, new)])
+    check = check_board(np.concatenate([rest[200:], later]), board, new)
+    assert check.different == 0
+    assert check.rows >= len(later)
+    board[-1] += 1.0
+    assert check_board(np.concatenate([rest[200:], later]), board, new).different == 1
