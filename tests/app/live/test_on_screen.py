@@ -1,4 +1,4 @@
-"""The screen of the real program with a board behind a socket: before its first sample, and a demo board that obeys."""
+"""The real program on screen with a board behind a socket: before its first sample, and a demo board that obeys."""
 
 from __future__ import annotations
 
