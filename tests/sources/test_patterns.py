@@ -21,12 +21,7 @@ USE = re.compile(rf"\b(\w+)(?:\[\w+\])?\.({'|'.join(METHODS)})\(")
 SIZE, MAX_STEPS = 80, 24
 """Characters of a worst text, and steps a character: a quadratic pattern takes SIZE / 2 or more of them."""
 
-OWN_TEXT = (
-    "kalscope.analysis.findings",
-    "kalscope.common.charts",
-    "kalscope.common.text",
-    "kalscope.export.job",
-)
+OWN_TEXT = ("kalscope.analysis.findings", "kalscope.common.charts", "kalscope.common.text", "kalscope.export.job")
 """Modules whose patterns see the project's own charts, sentences, numbers and templates."""
 
 CAPPED = {

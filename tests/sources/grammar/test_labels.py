@@ -27,10 +27,7 @@ from kalscope.sources.reading.line_parser import LineParser
             {"Reading": "-0.1 lbs", "calibration_factor": "-7050.00"},
         ),
         ("INFO temp=20.89 hum=52", {"temp": "20.89", "hum": "52"}),
-        (
-            'ts=2026-01-01T00:00 msg="two words" v=5',
-            {"ts": "2026-01-01T00:00", "msg": "two words", "v": "5"},
-        ),
+        ('ts=2026-01-01T00:00 msg="two words" v=5', {"ts": "2026-01-01T00:00", "msg": "two words", "v": "5"}),
         ("ax= ay=2", {"ax": "", "ay": "2"}),
         ('{"t": 1.50, "imu": {"acc": [0.1, -9.8]}}', {"t": "1.50", "imu.acc[0]": "0.1", "imu.acc[1]": "-9.8"}),
         ('{"ts":1700000000000,"values":{"temp":"21.5"}}', {"ts": "1700000000000", "values.temp": "21.5"}),

@@ -36,41 +36,40 @@ def nmea(sentence):
     return f"${sentence}*{reduce(int.__xor__, sentence.encode()):02X}\n"
 
 
+def log(text, period, channels):
+    """A log, its sample period, s, and its channels, "name [unit]": values."""
+    return text, period, {tuple(key.removesuffix("]").partition(" [")[::2]): x for key, x in channels.items()}
+
+
 LOGS = {
-    "Python tuples, and blanks": (
-        rows(lambda i: f" ({i / 10:.1f}, {A[i]}, {B[i]} )\n"),
-        {"value 1": ("", A), "value 2": ("", B)},
-        0.1,
+    "Python tuples, and blanks": log(
+        rows(lambda i: f" ({i / 10:.1f}, {A[i]}, {B[i]} )\n"), 0.1, {"value 1": A, "value 2": B}
     ),
-    "Julian dates": (
-        "HJD,mag\n" + rows(lambda i: f"{2455000.5 + i / 80:.4f},{A[i]}\n"),
-        {"mag": ("", A)},
-        1080,
-    ),
-    "HoboWare text": (
+    "Julian dates": log("HJD,mag\n" + rows(lambda i: f"{2455000.5 + i / 80:.4f},{A[i]}\n"), 1080, {"mag": A}),
+    "HoboWare text": log(
         "Plot-Titel: Keller\n#\tDatum Zeit, GMT+02:00\tTemp., °C\n"
         + rows(lambda i: f"{i + 1}\t17.05.2024 {clock(i)}\t{german(A[i])}\n"),
-        {"Temp.": ("°C", A)},
         10,
+        {"Temp. [°C]": A},
     ),
-    "Excel, two digits of the year": (
+    "Excel, two digits of the year": log(
         "sep=;\nDatum;Uhrzeit;Temp (°C);Druck (hPa)\n"
         + rows(lambda i: f"17.05.24;{clock(i)};{german(A[i])};{german(B[i])}\n"),
-        {"Temp": ("°C", A), "Druck": ("hPa", B)},
         10,
+        {"Temp [°C]": A, "Druck [hPa]": B},
     ),
-    "multimeter": (
+    "multimeter": log(
         "Reading,Sample,Start Time\n" + rows(lambda i: f"{i + 1},{A[i]} V DC,05/17/2024 {clock(i)}\n"),
-        {"Sample": ("V DC", A)},
         10,
+        {"Sample [V DC]": A},
     ),
-    "terminal with colours": (
+    "terminal with colours": log(
         "=~=~= PuTTY log 2024.05.17 09:30:00 =~=~=\r\n\x1b[2J\x1b[H"
         + rows(lambda i: f"\x1b[0;32m{A[i]},{B[i]}\x1b[0m\r\n"),
-        {"value 1": ("", A), "value 2": ("", B)},
         None,
+        {"value 1": A, "value 2": B},
     ),
-    "ESPHome": (
+    "ESPHome": log(
         "INFO Starting log output\n[09:00:00][C][wifi:410]:   SSID: 'home'\n"
         + rows(
             lambda i: (
@@ -78,273 +77,241 @@ LOGS = {
                 f"[{clock(i)}][D][sensor:094]: 'Air' >> {B[i]} hPa\n"
             )
         ),
-        {"Barn": ("°C", A), "Air": ("hPa", B)},
         10,
+        {"Barn [°C]": A, "Air [hPa]": B},
     ),
-    "Tasmota": (
+    "Tasmota": log(
         rows(lambda i: f'{clock(i)}.5 MQT: tele/x/SENSOR = {{"BME280":{{"Temp":{A[i]},"P":{B[i]}}},"Unit":"C"}}\n'),
-        {"tele/x/SENSOR.BME280.Temp": ("", A), "tele/x/SENSOR.BME280.P": ("", B)},
         10,
+        {"tele/x/SENSOR.BME280.Temp": A, "tele/x/SENSOR.BME280.P": B},
     ),
-    "topics with stamps": (
+    "topics with stamps": log(
         rows(lambda i: f"{1715931000 + i}.123 barn/temp {A[i]}\n{1715931000 + i}.125 barn/pressure {B[i]}\n"),
-        {"barn/temp": ("", A), "barn/pressure": ("", B)},
         1,
+        {"barn/temp": A, "barn/pressure": B},
     ),
-    "a value a line": (
+    "a value a line": log(
         rows(lambda i: f"Temperature: {A[i]} *C\nPressure: {B[i]} hPa\n\n"),
-        {"Temperature": ("C", A), "Pressure": ("hPa", B)},
         None,
+        {"Temperature [C]": A, "Pressure [hPa]": B},
     ),
-    "French thousands": (
+    "French thousands": log(
         "Heure;Pression\n" + rows(lambda i: f"{clock(i)};{f'{B[i]:,.2f}'.replace(',', ' ').replace('.', ',')}\n"),
-        {"Pression": ("", B)},
         10,
+        {"Pression": B},
     ),
-    "table in Markdown": (
-        "| t | temp |\n|------|------|\n" + rows(lambda i: f"| {clock(i)} | {A[i]} |\n"),
-        {"temp": ("", A)},
-        10,
+    "table in Markdown": log(
+        "| t | temp |\n|------|------|\n" + rows(lambda i: f"| {clock(i)} | {A[i]} |\n"), 10, {"temp": A}
     ),
-    "axes": (
+    "axes": log(
         "MPU6050 Found!\n"
         + rows(
             lambda i: f"Acceleration X: {A[i]}, Y: 2.5, Z: 9.81 m/s^2\nRotation X: 0.1, Y: {B[i]}, Z: 0.02 rad/s\n"
         ),
-        {"Acceleration X": ("", A), "Rotation Y": ("", B)},
         None,
+        {"Acceleration X": A, "Rotation Y": B},
     ),
-    "system log": (
+    "system log": log(
         rows(lambda i: f"May 17 {clock(i, 1)} raspberrypi sensor[612]: temp={A[i]} p={B[i]}\n"),
-        {"temp": ("", A), "p": ("", B)},
         1,
+        {"temp": A, "p": B},
     ),
-    "several values of one name at a stamp": (
+    "several values of one name at a stamp": log(
         "time,name,value\n" + rows(lambda i: f"{clock(i // 4, 1)},temp,{A[i]}\n{clock(i // 4, 1)},hum,{B[i]}\n"),
-        {"temp": ("", A), "hum": ("", B)},
         0.25,
+        {"temp": A, "hum": B},
     ),
-    "sensors in turn, two values each": (
+    "sensors in turn, two values each": log(
         "time,room,temp,hum\n"
         + rows(lambda i: f"{clock(i, 60)},bath,{A[i]},{B[i]}\n{clock(i, 60)},cellar,{B[i]},{A[i]}\n"),
-        {"bath temp": ("", A), "bath hum": ("", B), "cellar temp": ("", B)},
         60,
+        {"bath temp": A, "bath hum": B, "cellar temp": B},
     ),
-    "decimal commas, a comma and a blank between cells": (
+    "decimal commas, a comma and a blank between cells": log(
         "t, temp, pres\n" + rows(lambda i: f"{i}, {A[i]:.2f}, {B[i]:.2f}\n".replace(".", ",")),
-        {"temp": ("", A), "pres": ("", B)},
         1,
+        {"temp": A, "pres": B},
     ),
-    "a comma after a unit": (rows(lambda i: f"{clock(i, 5)} {A[i]}C, {B[i]}%\n"), {"value 1": ("C", A)}, 5),
-    "Sea-Bird": (
+    "a comma after a unit": log(rows(lambda i: f"{clock(i, 5)} {A[i]}C, {B[i]}%\n"), 5, {"value 1 [C]": A}),
+    "Sea-Bird": log(
         "* Sea-Bird SBE 19plus\n# name 0 = timeS: Time, Elapsed [seconds]\n# name 1 = t090C: Temperature [deg C]\n"
         "1 2\n3 4\n*END*\n" + rows(lambda i: f"{i / 4:11.3f}{A[i]:11.4f}\n"),
-        {"t090C: Temperature": ("deg C", A)},
         0.25,
+        {"t090C: Temperature [deg C]": A},
     ),
-    "a table of calibration above": (
-        "Logger 4\npoint,raw\n0,102\n1,480\n2,901\n\ntime,p\n" + rows(lambda i: f"{i / 10},{A[i]}\n"),
-        {"p": ("", A)},
-        0.1,
+    "a table of calibration above": log(
+        "Logger 4\npoint,raw\n0,102\n1,480\n2,901\n\ntime,p\n" + rows(lambda i: f"{i / 10},{A[i]}\n"), 0.1, {"p": A}
     ),
-    "settings with :=": (
+    "settings with :=": log(
         "# Sampling Rate (Hz):= 1000.00\n# Labels:= ECG;EDA\n# Units:= mV;uS\n"
         + rows(lambda i: f"{A[i]}\t{B[i]}\n"),
-        {"ECG": ("mV", A), "EDA": ("uS", B)},
         0.001,
+        {"ECG [mV]": A, "EDA [uS]": B},
     ),
-    "a ramp without a name": (rows(lambda i: f"{A[i]},{i / 50:.2f}\n"), {"value 1": ("", A)}, 0.02),
-    "X beside a voltage": ("X,CH 1 (V)\n" + rows(lambda i: f"{2e-6 * i:.7f},{A[i]}\n"), {"CH 1": ("V", A)}, 2e-6),
-    "one value with a unit": (
-        "t,f\n" + rows(lambda i: f"{i},{A[i]}\n") + f"{N},1N\n",
-        {"f": ("", [*A, math.nan])},
-        1,
-    ),
-    "a broken date beside a clock": (
+    "a ramp without a name": log(rows(lambda i: f"{A[i]},{i / 50:.2f}\n"), 0.02, {"value 1": A}),
+    "X beside a voltage": log("X,CH 1 (V)\n" + rows(lambda i: f"{2e-6 * i:.7f},{A[i]}\n"), 2e-6, {"CH 1 [V]": A}),
+    "one value with a unit": log("t,f\n" + rows(lambda i: f"{i},{A[i]}\n") + f"{N},1N\n", 1, {"f": [*A, math.nan]}),
+    "a broken date beside a clock": log(
         "date,time,a\n" + rows(lambda i: f"{'165/165/2165' if i % 3 == 0 else '05/03/2024'},{clock(i)},{A[i]}\n"),
-        {"a": ("", A)},
         10,
+        {"a": A},
     ),
-    "rows that wait, and come at once": (
+    "rows that wait, and come at once": log(
         "time_s,a\n" + rows(lambda i: f"{0.1 * i + (0.09 * (5 - i % 20) if 0 < i % 20 < 5 else 0):.3f},{A[i]}\n"),
-        {"a": ("", A)},
         0.1,
+        {"a": A},
     ),
-    "rows out of order": (
+    "rows out of order": log(
         "time,a\n"
         + "".join(
             f"{clock(i)},{A[i]}\n".replace("09:", "2024-03-05 09:")
             for i in sorted(range(N), key=lambda i: i * 7 % N)
         ),
-        {"a": ("", A)},
         10,
+        {"a": A},
     ),
-    "NMEA": (
+    "NMEA": log(
         rows(
             lambda i: nmea(
                 f"GPGGA,{clock(i, 1).replace(':', '').zfill(6)}.00,4807.0,N,01131.0,E,1,08,0.9,{A[i]},M,46.9,M,,"
             )
         )
         + nmea("GPGSV,1,1,00"),
-        {"altitude": ("m", A)},
         1,
+        {"altitude [m]": A},
     ),
-    "weekdays are no sensors": (
+    "weekdays are no sensors": log(
         "date,day,a\n" + rows(lambda i: f"2024-{3 + i // 28:02}-{1 + i % 28:02},{DAYS[i % 7]},{A[i]}\n"),
-        {"a": ("", A)},
         86400,
+        {"a": A},
     ),
-    "256 columns and a separator": (
-        rows(lambda i: ";".join([str(A[i])] * 256) + ";\n"),
-        {"value 256": ("", A)},
-        None,
-    ),
-    "MQTT: an object in quotes": (
+    "256 columns and a separator": log(rows(lambda i: ";".join([str(A[i])] * 256) + ";\n"), None, {"value 256": A}),
+    "MQTT: an object in quotes": log(
         rows(
             lambda i: (
                 f"[2024-03-01 {clock(i)}] info: z2m: topic 'home/0x15', payload '{{\"n\": 1, \"t\": {A[i]}}}'\n"
             )
         ),
-        {"t": ("", A)},
         10,
+        {"t": A},
     ),
-    "nRF and Zephyr: µs behind ms": (
-        rows(lambda i: f"00> [{clock(i, 1)}.{i:03},250] <info> app: bpm: {A[i]}\n"),
-        {"bpm": ("", A)},
-        1.001,
+    "nRF and Zephyr: µs behind ms": log(
+        rows(lambda i: f"00> [{clock(i, 1)}.{i:03},250] <info> app: bpm: {A[i]}\n"), 1.001, {"bpm": A}
     ),
-    "a count and a colon": (rows(lambda i: f"{i * 100}: SP=30.0 PV={A[i]} OUT=4%\n"), {"PV": ("", A)}, 0.1),
+    "a count and a colon": log(rows(lambda i: f"{i * 100}: SP=30.0 PV={A[i]} OUT=4%\n"), 0.1, {"PV": A}),
     **{
-        f"a stamp written {stamp}": (
-            rows(lambda i, s=stamp: f"{s.format(i * 10)}T: {A[i]} C\n"),
-            {"T": ("C", A)},
-            0.01,
+        f"a stamp written {stamp}": log(
+            rows(lambda i, s=stamp: f"{s.format(i * 10)}T: {A[i]} C\n"), 0.01, {"T [C]": A}
         )
         for stamp in ("{}ms ", "[{}ms] ", "({}ms) ")
     },
-    "a clock and a bar": (rows(lambda i: f"{clock(i)} | T={A[i]} | H={B[i]}\n"), {"T": ("", A), "H": ("", B)}, 10),
-    "a table in bars": (rows(lambda i: f"| {i / 10} | {A[i]} |\n"), {"value 1": ("", A)}, 0.1),
-    "a count with its unit": (rows(lambda i: f"{i * 10} ms: T= {A[i]} C\n"), {"T": ("C", A)}, 0.01),
-    "time in pairs with its unit": (rows(lambda i: f"time: {i * 10} ms, t2: {A[i]} C\n"), {"t2": ("C", A)}, 0.01),
-    "Keithley": (rows(lambda i: f"+{A[i]:.4E}VDC,+{i * 0.1:08.3f}SECS\n"), {"value 1": ("VDC", A)}, 0.1),
-    "vcgencmd": (rows(lambda i: f"cpu {A[i]}'C load {B[i]}\n"), {"value 1": ("'C", A), "value 2": ("", B)}, None),
-    "Rigol MSO": (
+    "a clock and a bar": log(rows(lambda i: f"{clock(i)} | T={A[i]} | H={B[i]}\n"), 10, {"T": A, "H": B}),
+    "a table in bars": log(rows(lambda i: f"| {i / 10} | {A[i]} |\n"), 0.1, {"value 1": A}),
+    "a count with its unit": log(rows(lambda i: f"{i * 10} ms: T= {A[i]} C\n"), 0.01, {"T [C]": A}),
+    "time in pairs with its unit": log(rows(lambda i: f"time: {i * 10} ms, t2: {A[i]} C\n"), 0.01, {"t2 [C]": A}),
+    "Keithley": log(rows(lambda i: f"+{A[i]:.4E}VDC,+{i * 0.1:08.3f}SECS\n"), 0.1, {"value 1 [VDC]": A}),
+    "vcgencmd": log(rows(lambda i: f"cpu {A[i]}'C load {B[i]}\n"), None, {"value 1 ['C]": A, "value 2": B}),
+    "Rigol MSO": log(
         "CH1V,CH2V,t0 =-8.5e-05, tInc = 1e-06,\n" + rows(lambda i: f"{A[i]},{B[i]},,\n"),
-        {"CH1V": ("", A), "CH2V": ("", B)},
         1e-6,
+        {"CH1V": A, "CH2V": B},
     ),
-    "EasyLog: a serial number beside the first row": (
+    "EasyLog: a serial number beside the first row": log(
         "EL-USB-2,Time,Celsius(°C),Serial Number\n"
         + rows(lambda i: f"{i + 1},17/03/2024 {clock(i)},{A[i]}{',010012345' if i == 0 else ''}\n"),
-        {"Celsius": ("°C", A)},
         10,
+        {"Celsius [°C]": A},
     ),
-    "PhysioNet": (
+    "PhysioNet": log(
         "'Elapsed time','MLII'\n'hh:mm:ss.mmm','mV'\n" + rows(lambda i: f"'0:{i * 0.004:06.3f}',{A[i]}\n"),
-        {"MLII": ("mV", A)},
         0.004,
+        {"MLII [mV]": A},
     ),
-    "KNMI: a day and an hour, and a bare mark below the names": (
+    "KNMI: a day and an hour, and a bare mark below the names": log(
         "# STN,YYYYMMDD,   HH,    T\n#\n" + rows(lambda i: f"  260,202403{1 + i // 24:02},{i % 24 + 1:5},{A[i]}\n"),
-        {"T": ("", A)},
         3600,
+        {"T": A},
     ),
-    "USGS: widths below the names": (
+    "USGS: widths below the names": log(
         "site\tdatetime\tflow\n15s\t20d\t14n\n" + rows(lambda i: f"0164\t2024-03-01 {clock(i, 900)}\t{A[i]}\n"),
-        {"flow": ("", A)},
         900,
+        {"flow": A},
     ),
-    "sar: names beside a stamp": (
+    "sar: names beside a stamp": log(
         f"Linux 6.1.0 (host) 03/17/24 _x86_64_\n\n{clock(0)} CPU %user %idle\n"
         + rows(lambda i: f"{clock(i + 1)} all {A[i]} {B[i]}\n"),
-        {"value 1": ("", A), "value 2": ("", B)},
         10,
+        {"value 1": A, "value 2": B},
     ),
-    "Octave: a scalar above": (
+    "Octave: a scalar above": log(
         f"# Created by Octave\n# type: scalar\n250\n\n\n# type: matrix\n# rows: {N}\n# columns: 1\n"
         + rows(lambda i: f" {A[i]}\n"),
-        {"value 1": ("", A)},
         None,
+        {"value 1": A},
     ),
-    "Mathematica": (rows(lambda i: f"{{{i / 4}, {A[i]}}},\n"), {"value 1": ("", A)}, 0.25),
-    "RRDtool: no name above the time": (
+    "Mathematica": log(rows(lambda i: f"{{{i / 4}, {A[i]}}},\n"), 0.25, {"value 1": A}),
+    "RRDtool: no name above the time": log(
         "             temp       hum\n\n" + rows(lambda i: f"{1710664200 + 300 * i}: {A[i]:.4e} {B[i]:.6e}\n"),
-        {"temp": ("", A), "hum": ("", B)},
         300,
+        {"temp": A, "hum": B},
     ),
-    "names and units in comments": (
+    "names and units in comments": log(
         "%time  pos  vel\n%s  mm  mm/s\n" + rows(lambda i: f"{i / 100}  {A[i]}  {B[i]}\n"),
-        {"pos": ("mm", A), "vel": ("mm/s", B)},
         0.01,
+        {"pos [mm]": A, "vel [mm/s]": B},
     ),
-    "MATLAB days": (
-        "datenum,value\n" + rows(lambda i: f"{739328.354224537 + i / 1440:.9f},{A[i]}\n"),
-        {"value": ("", A)},
-        60,
+    "MATLAB days": log(
+        "datenum,value\n" + rows(lambda i: f"{739328.354224537 + i / 1440:.9f},{A[i]}\n"), 60, {"value": A}
     ),
-    "pairs with a bar between": (
-        rows(lambda i: f"Angle: x= {A[i]} |\ty= {B[i]} |\n"),
-        {"Angle: x": ("", A), "Angle: y": ("", B)},
-        None,
+    "pairs with a bar between": log(
+        rows(lambda i: f"Angle: x= {A[i]} |\ty= {B[i]} |\n"), None, {"Angle: x": A, "Angle: y": B}
     ),
-    "a message between marks": (rows(lambda i: f"<{A[i]},{B[i]}>\n"), {"value 2": ("", B)}, None),
-    "Fortran": (rows(lambda i: f" {i / 100:.2E} {A[i]:.4E}\n".replace("E", "D")), {"value 1": ("", A)}, 0.01),
-    "Graphtec: a blank after the sign, names above units": (
+    "a message between marks": log(rows(lambda i: f"<{A[i]},{B[i]}>\n"), None, {"value 2": B}),
+    "Fortran": log(rows(lambda i: f" {i / 100:.2E} {A[i]:.4E}\n".replace("E", "D")), 0.01, {"value 1": A}),
+    "Graphtec: a blank after the sign, names above units": log(
         "NO.,Time,ms,CH1\nNO.,Time,ms,degC\n" + rows(lambda i: f"{i + 1},2024/03/05 {clock(i)},0,+{A[i]:8.2f}\n"),
-        {"CH1": ("degC", A)},
         10,
+        {"CH1 [degC]": A},
     ),
-    "Android": (
-        rows(lambda i: f"03-05 {clock(i, 1)}.250  1234  5678 D SENSOR  : x={A[i]} y={B[i]}\n"),
-        {"x": ("", A), "y": ("", B)},
-        1,
+    "Android": log(
+        rows(lambda i: f"03-05 {clock(i, 1)}.250  1234  5678 D SENSOR  : x={A[i]} y={B[i]}\n"), 1, {"x": A, "y": B}
     ),
-    "text for a spreadsheet": (
+    "text for a spreadsheet": log(
         "Time,Temperature(℃)\n" + rows(lambda i: f'="2024-03-05 {clock(i)}",="{A[i]}"\n'),
-        {"Temperature": ("℃", A)},
         10,
+        {"Temperature [℃]": A},
     ),
-    "ngspice: names between rules": (
+    "ngspice: names between rules": log(
         f"{'-' * 40}\nIndex   time      v(out)\n{'-' * 40}\n" + rows(lambda i: f"{i}\t{i * 1e-6:.4e}\t{A[i]}\t\n"),
-        {"v(out)": ("", A)},
         1e-6,
+        {"v(out)": A},
     ),
-    "sensors by a column, with their units": (
+    "sensors by a column, with their units": log(
         "SECONDS;PID;VALUE;UNITS\n" + rows(lambda i: f"{i / 2};speed;{A[i]};km/h\n{i / 2};load;{B[i]};%\n"),
-        {"speed": ("km/h", A), "load": ("%", B)},
         0.5,
+        {"speed [km/h]": A, "load [%]": B},
     ),
-    "units above some of the columns": (
+    "units above some of the columns": log(
         "   yyyy  mm  tmax  sun\n             degC  hours\n"
         + rows(lambda i: f"   {1990 + i // 12}  {i % 12 + 1:2d}  {A[i]}  {B[i]}\n"),
-        {"tmax": ("", A), "sun": ("", B)},
         31 * 86400,
+        {"tmax": A, "sun": B},
     ),
-    "a mark at the end": (rows(lambda i: f"$S,{A[i]},{B[i]}#\n"), {"value 2": ("", B)}, None),
-    "LabVIEW: a step above its value": (
-        "dt:\n0.001\t0.001\ndata:\n" + rows(lambda i: f"{A[i]:.3E}\t{B[i]:.6E}\n"),
-        {"value 2": ("", B)},
-        0.001,
+    "a mark at the end": log(rows(lambda i: f"$S,{A[i]},{B[i]}#\n"), None, {"value 2": B}),
+    "LabVIEW: a step above its value": log(
+        "dt:\n0.001\t0.001\ndata:\n" + rows(lambda i: f"{A[i]:.3E}\t{B[i]:.6E}\n"), 0.001, {"value 2": B}
     ),
-    "JSON: columns of data": (
-        json.dumps({"time": {"data": list(range(N))}, "hr": {"data": A, "size": N}}),
-        {"hr": ("", A)},
-        1,
+    "JSON: columns of data": log(
+        json.dumps({"time": {"data": list(range(N))}, "hr": {"data": A, "size": N}}), 1, {"hr": A}
     ),
-    "JSON: a table in a list of one": (
+    "JSON: a table in a list of one": log(
         json.dumps({"results": [{"id": 0, "series": [{"columns": ["time", "a"], "values": list(enumerate(A))}]}]}),
-        {"a": ("", A)},
         1,
+        {"a": A},
     ),
-    "JSON: lists": (
-        json.dumps([[1709630000000 + 1000 * i, a] for i, a in enumerate(A)]),
-        {"value 1": ("", A)},
-        1,
-    ),
-    "objects on several lines each": (
-        rows(lambda i: f'{{\n  "t": {1710664205 + i},\n  "v": {A[i]}\n}}\n'),
-        {"v": ("", A)},
-        1,
+    "JSON: lists": log(json.dumps([[1709630000000 + 1000 * i, a] for i, a in enumerate(A)]), 1, {"value 1": A}),
+    "objects on several lines each": log(
+        rows(lambda i: f'{{\n  "t": {1710664205 + i},\n  "v": {A[i]}\n}}\n'), 1, {"v": A}
     ),
 }
 
@@ -358,13 +325,14 @@ def read(tmp_path, text, options=DEFAULTS):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", LOGS)
 def test_a_usual_log_is_read_right(tmp_path, name):
-    text, channels, period = LOGS[name]
+    text, period, channels = LOGS[name]
     recording = read(tmp_path, text)
     assert recording.report.rejected == 0
     assert recording.report.read_as
     assert recording.sample_period == (None if period is None else pytest.approx(period))
-    for channel, (unit, values) in channels.items():
-        assert recording.units[recording.names.index(channel)] == unit
+    units = dict(zip(recording.names, recording.units, strict=True))
+    for (channel, unit), values in channels.items():
+        assert units[channel] == unit
         np.testing.assert_array_equal(recording.channel(channel), values)
 
 

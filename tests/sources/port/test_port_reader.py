@@ -7,13 +7,7 @@ import pytest
 from scripted_port import ScriptedPort, scripted
 
 from kalscope.errors import BadDevice
-from kalscope.sources.port.reader import (
-    READ_TIMEOUT,
-    BytesReceived,
-    Clock,
-    Disconnected,
-    PortReader,
-)
+from kalscope.sources.port.reader import READ_TIMEOUT, BytesReceived, Clock, Disconnected, PortReader
 from kalscope.sources.port.registry import PortSpec
 
 pytestmark = pytest.mark.usefixtures("no_thread_left")

@@ -32,10 +32,7 @@ def test_a_clean_file_is_summed_up_in_one_line_with_its_many_comments(read):
     assert warnings(read(ROWS)) == ()
 
 
-SPOILT = {
-    "12.3,4": "must have 3 fields",
-    "1.0,2.0,\x013.0": "must be printable text",
-}
+SPOILT = {"12.3,4": "must have 3 fields", "1.0,2.0,\x013.0": "must be printable text"}
 
 
 @pytest.mark.parametrize(("line", "why"), SPOILT.items())

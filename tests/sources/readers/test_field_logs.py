@@ -41,10 +41,7 @@ RIGHT = {
         channels=(("Luminosidade", 10080, 98.906746, ("",)), ("Atividade", 10080, 78.2224206, ("",))),
     ),
     "rigol_ds1204b.csv": Right(
-        8192,
-        8e-6,
-        span=0.065528,
-        channels=(("CH1", 8192, 1.48196777, VOLT), ("CH4", 8192, 9.56293945, VOLT)),
+        8192, 8e-6, span=0.065528, channels=(("CH1", 8192, 1.48196777, VOLT), ("CH4", 8192, 9.56293945, VOLT))
     ),
     "rigol_ds1102e.csv": Right(600, 2e-8, 1e-3, 1.198e-5, (("CH1", 600, 1.43133333, VOLT),)),
     "rigol_ds1052e.csv": Right(
@@ -95,10 +92,7 @@ RIGHT = {
     ),
     "openbci_cyton.txt": Right(22490, 0.004, 0.002, channels=(("EXG Channel 0", 22490, 62052.0530, ()),)),
     "robot_currents.txt": Right(
-        2094,
-        1 / 13.4,
-        0.02,
-        channels=(("Current1", 2094, -24.407383, ()), ("Current4", 2094, -24.0318052, ())),
+        2094, 1 / 13.4, 0.02, channels=(("Current1", 2094, -24.407383, ()), ("Current4", 2094, -24.0318052, ()))
     ),
     "ppg_buffered.csv": Right(68476, 681.898 / 68475, 0.005, 681.898, (("hr", 68476, 509.394766, ()),), torn=1),
     "arm_whole_seconds.csv": Right(7039, 1 / 67, 0.02, channels=(("Accel_X", 7039, -0.223429038, ()),)),

@@ -147,13 +147,7 @@ def test_what_is_no_row_goes_into_the_rejects_with_time_number_and_reason(tmp_pa
     rejects = pd.read_csv(tmp_path / "run.rejects", comment="#", keep_default_na=False)
     assert rejects.columns.to_list() == ["host time [s]", "line", "column", "reason", "text"]
     table = [tuple(line) for line in rejects[["line", "column", "text"]].to_numpy()]
-    assert table == [
-        (1, "", "a,b"),
-        (4, "", "5"),
-        (5, "b", "6,x"),
-        (6, "", "\\x07,1"),
-        (7, "", "reset \\\\ café"),
-    ]
+    assert table == [(1, "", "a,b"), (4, "", "5"), (5, "b", "6,x"), (6, "", "\\x07,1"), (7, "", "reset \\\\ café")]
     assert rejects["host time [s]"].to_list() == [0.0, 0.003, 0.004, 0.005, 0.006]
     assert data_lines(tmp_path / "run.csv") == ["0.001000,1,2", "0.002000,3,4", "0.004000,6,", "0.008000,7,8"]
     assert counts == RecorderCounts(received=7, written=4, rejected=3, other=2)

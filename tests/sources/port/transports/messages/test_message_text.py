@@ -97,12 +97,7 @@ def test_what_a_payload_holds(payload, one, of_many):
 def test_a_payload_that_is_no_sample_is_counted():
     before = b">a:1\n"
     large = b"x" * (MAX_PAYLOAD + 1)
-    for payload, kind in (
-        (b"ON", "text"),
-        (b"", "text"),
-        (b"\x00\xff\xd8", "rejected"),
-        (large, "rejected"),
-    ):
+    for payload, kind in ((b"ON", "text"), (b"", "text"), (b"\x00\xff\xd8", "rejected"), (large, "rejected")):
         assert rows_of(before, topic_lines("home/#", "home/a", payload))[1:] == [(kind, {})]
     assert len(topic_lines("home/#", "home/a", large)) < 200
 
