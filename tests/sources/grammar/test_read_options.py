@@ -58,14 +58,6 @@ def test_missing_numbers_are_compared_as_numbers_and_texts_as_cells(read):
     assert any("samples of -200 that are missing, as requested: 3" in note for note in recording.report.notes)
 
 
-def test_a_header_of_numbers_is_one_when_told(read):
-    text = "1,2\n3,4\n5,6\n"
-    assert read(text).values.tolist() == [[1, 2], [3, 4], [5, 6]]
-    recording = read(text, header=True)
-    assert (recording.names, recording.values.tolist()) == (("1", "2"), [[3, 4], [5, 6]])
-    assert recording.report.headers == 1
-
-
 GAPPY = "t,a\n" + "".join(f"{t},{t * 10:.0f}\n" for t in (0.0, 0.1, 0.2, 0.6, 0.7, 0.65, 0.8, 0.9))
 
 

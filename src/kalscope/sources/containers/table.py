@@ -70,11 +70,6 @@ class Table:
     dates: frozenset[int] = frozenset()
     """Columns, from 0, that are calendar stamps in µs since 1970."""
 
-    @property
-    def shape(self) -> tuple[int, int]:
-        """Rows and channels."""
-        return (len(self.columns[0]) if self.columns else 0), len(self.columns)
-
 
 @dataclass(frozen=True)
 class Text:

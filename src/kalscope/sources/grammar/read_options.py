@@ -42,8 +42,6 @@ class ReadOptions:
     """Unit of a numeric time column: s, ms, us, ns, min, h, day or year."""
     missing: tuple[float | str, ...] = ()
     """Values that say "no sample": numbers such as -200, compared as numbers, or texts, compared as cells."""
-    header: bool | None = None
-    """True: the line above the data holds the names, numbers or not; False: no line does."""
     gaps: Gaps = "rows"
     """Gaps in time are ignored ("rows"), filled with missing samples ("missing"), or elapsed time ("dt")."""
     header_row: int | None = None
@@ -135,14 +133,12 @@ def options_from_text(
 
 def option_words(options: ReadOptions) -> tuple[str, ...]:
     """What was decided, in the words of the command line: ("--delimiter", "comma", "--missing=-200")."""
-    if options.header is False and options.header_row is None:
-        options = replace(options, header_row=0)
     words: dict[str, Callable[[Any], object]] = {
         "delimiter": WORD_OF_DELIMITER.get,
         "decimal": WORD_OF_DECIMAL.get,
         "time_column": lambda column: column + 1 if isinstance(column, int) else column,
     }
-    given = {field.name: getattr(options, field.name) for field in fields(options) if field.name != "header"}
+    given = {field.name: getattr(options, field.name) for field in fields(options)}
     given = {name: value for name, value in given.items() if value != getattr(DEFAULTS, name)}
     day_first, missing = given.pop("day_first", None), given.pop("missing", ())
     order = [] if day_first is None else ["--day-first" if day_first else "--month-first"]

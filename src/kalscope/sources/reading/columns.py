@@ -222,9 +222,8 @@ def make_plan(head: Sequence[str], options: ReadOptions) -> Plan:
                 f"{word} row must be one of the first {len(head)} lines, above the data (got --{word}-row {row})"
             )
     preface = find_preface(head)
-    if names is not None or options.header is not None:
-        row = 0 if names is None and options.header is False else names
-        preface = replace(preface, header_row=row)
+    if names is not None:
+        preface = replace(preface, header_row=names)
     first = max(preface.first_row, (names or 0) + 1, (units or 0) + 1)
     return Plan(options, replace(preface, first_row=first))
 

@@ -20,12 +20,7 @@ from kalscope.sources.grammar.cells import (
     parse_number,
     split_fields,
 )
-from kalscope.sources.grammar.line_format import (
-    find_labels,
-    split_checksum,
-    split_stamp,
-    split_teleplot,
-)
+from kalscope.sources.grammar.line_format import find_labels, split_checksum, split_stamp, split_teleplot
 from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
 from kalscope.sources.grammar.timestamps import StampParser, row_stamp_parser, stamp_parser
 from kalscope.sources.reading.columns import HOST_AND_DEVICE, MAX_SERIES

@@ -387,7 +387,7 @@ def _find_time(table: Table, columns: list[Column], options: ReadOptions) -> Tim
 
 def _of_table(columns: dict[int, Array], layout: Layout, table: Table) -> Reading:
     """Rows without a stamp are rejected; infinite samples are missing ones, counted as bad cells."""
-    tally, rejected, n = Tally(), 0, table.shape[0]
+    tally, rejected, n = Tally(), 0, len(table.columns[0])
     if layout.time is not None:
         known = np.isfinite(columns[layout.time.index])
         rejected = int(np.count_nonzero(~known))

@@ -14,7 +14,6 @@ from kalscope.sources.grammar.cells import (
     NumberForm,
     are_units,
     bare_unit,
-    is_comment,
     is_number,
     is_unit,
     parse_number,
@@ -259,9 +258,7 @@ def _find(head: Sequence[str], table: HeadTable, body: Body, plan: Plan) -> tupl
         units = [row for row in above if row[0] > chosen and are_units(row[1]) and plan.options.unit_row is None]
         names = _row(head, chosen, table)
         return ([*units[-1:], names] if names else []), body.first
-    if plan.options.header:
-        above = [row for row in above if not is_comment(head[row[0] - 1])]
-    if not above and (plan.options.header or _is_code_row(table, body)) and len(body.rows) > 1:
+    if not above and _is_code_row(table, body):
         return [body.rows[0]], body.rows[1][0]
     if len(above) == 1 and all(is_unit(cell) and len(cell) > 2 for cell in above[0][1]):
         numbered = _row(head, above[0][0] - 1, table)  # `x-axis,1,2` above `second,Volt,Volt`

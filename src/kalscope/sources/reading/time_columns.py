@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
-from itertools import product, takewhile
+from itertools import pairwise, product, takewhile
 
 import numpy as np
 
@@ -108,12 +108,7 @@ _ROLE_OF_NAME: dict[str, PartRole] = {
     **dict.fromkeys(words("hhmm hhmmss mst lst utc gmt est pst cst hour_minute time clock zeit uhrzeit"), "clock"),
 }
 _IN_ORDER: tuple[PartRole, ...] = ("year", "month", "day", "hour", "minute", "second", "millisecond")
-_PART_ABOVE: dict[PartRole, PartRole] = {
-    "day": "month",
-    "minute": "hour",
-    "second": "minute",
-    "millisecond": "second",
-}
+_PART_ABOVE = {part: above for above, part in pairwise(_IN_ORDER) if part not in ("month", "hour")}
 """No part counts without this one."""
 
 
