@@ -121,6 +121,13 @@ def same_draws(request: pytest.FixtureRequest) -> None:
 
 
 @pytest.fixture(scope="session")
+def norway():
+    """Road deaths in Norway 1970-2003 (Commandeur & Koopman 2007, appendix A), shape (34,)."""
+    first = [560.0, 533, 490, 511, 509, 539, 471, 442, 434, 437, 362, 338, 401, 409, 407, 402, 452]
+    return np.array([*first, 398, 378, 381, 332, 323, 325, 281, 283, 305, 255, 303, 352, 304, 341, 275, 312, 280])
+
+
+@pytest.fixture(scope="session")
 def nile():
     """The Nile flows at Aswan 1871-1970, 1e8 m³, shape (100,)."""
     return np.loadtxt(

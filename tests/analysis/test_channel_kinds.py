@@ -95,18 +95,6 @@ def test_a_name_alone_decides_nothing(name):
     assert kind(50.0 * NOISE, name) == kinds.MEASUREMENT
 
 
-@pytest.mark.parametrize("name", ["temp_min", "rain_mm", "T", "min", "t_max"])
-def test_a_warming_in_whole_degrees_is_no_part_of_a_date(name):
-    warming = np.rint(5.0 + ROWS / 60 + RNG.normal(0.0, 0.6, N))
-    assert kind(warming, name) == kinds.MEASUREMENT
-
-
-@pytest.mark.parametrize("n", [1, 3, 7])
-def test_a_few_samples_are_taken_as_they_are(n):
-    few = recording(seq=np.arange(n, dtype=float), a=np.ones(n))
-    assert default_channel(few) == "seq"
-
-
 def test_the_first_channel_that_measures_is_the_default():
     made = recording(seq=ROWS, year=np.full(N, 2025), lat=48 + 1e-4 * NOISE, temp=NOISE, hum=WALK)
     assert default_channel(made) == "temp"

@@ -97,12 +97,7 @@ FAULTS = [
     (sticking, "a", "stuck", "a is stuck at 4.50 °C for 30 s (rows 1\u202f000 to 1\u202f299): leave it out there."),
     (ending, "c", "silent", "c has no reading for 1.67 min (rows 2\u202f000 to 2\u202f999)."),
     (spiking, "b", "spikes", "b has 20 spikes that no other sensor confirms: set an outlier gate."),
-    (
-        louder,
-        "a",
-        "noise",
-        "The noise variance of a changes 14 × within the record: one r cannot fit all of it.",
-    ),
+    (louder, "a", "noise", "The noise variance of a changes 14 × within the record: one r cannot fit all of it."),
 ]
 
 
@@ -116,28 +111,12 @@ def test_the_sensor_that_is_at_fault_is_named(spoil, name, fault, sentence):
     assert all(one.faults == () for one in found.sensors if one.name != name)
 
 
-def test_spikes_that_the_gate_rejects_need_no_gate():
-    z = recorded()
-    spiking(z)
-    found = judged(z, params=FilterParams(0.01, R, gate=16.0))
-    assert "b has 19 spikes that no other sensor confirms: the outlier gate rejects them." in found.sentences
-
-
 def test_two_sensors_cannot_tell_which_of_them_drifts():
     z = recorded(sensors=2)
     drifting(z)
     found = judged(z)
     assert [one.faults for one in found.sensors] == [("drift",), ("drift",)]
     assert sum("a and b drift apart by" in sentence for sentence in found.sentences) == 1
-
-
-def test_the_drift_of_two_sensors_is_one_number():
-    rng = np.random.default_rng(0)
-    z = np.cumsum(rng.normal(0.0, 0.1, 800))[:, None] + rng.normal(size=(800, 2)) * [1.0, 3.0]
-    z[:, 1] += np.linspace(0.0, 20.0, 800)
-    z[rng.random(z.shape) < 0.4] = np.nan
-    first, second = judged(z, params=FilterParams(0.01, [1.0, 9.0])).sensors
-    assert first.drift == second.drift > 15.0  # to the bit: both read alike
 
 
 def test_a_drift_shows_between_sensors_that_never_answer_together():
@@ -156,30 +135,12 @@ def test_no_sensor_alone_is_better_than_all_however_late_it_begins():
     assert not any(one.drift for one in found.sensors)  # what b would have read later is not known
 
 
-def test_readings_of_a_stuck_sensor_are_no_truth_to_predict():
-    z = recorded(sensors=2)
-    z[2000:, 1] = 50.0
-    found = judged(z)
-    seen = found.prediction
-    assert found.headline.startswith("The fused value has an error of 0.200 (1 σ, predicted). The next reading is")
-    assert seen is not None
-    assert seen.best == 0
-    assert seen.fused > 2.0 * seen.single[0]
-
-
 def test_few_rows_and_none():
     assert judged(recorded(n=20)).prediction is None
     found = judged(np.empty((0, 2)))
     assert math.isinf(found.error)
     assert [one.answered for one in found.sensors] == [0.0, 0.0]
     assert "No sensor has a reading" in found.headline
-
-
-@pytest.mark.parametrize("z", [1e199 * np.ones((500, 2)), 1e195 * recorded(sensors=2), np.full((500, 2), np.nan)])
-def test_no_number_is_ever_nan(z):
-    found = judged(z)
-    numbers = [found.error, *(value for one in found.sensors for value in vars(one).values())]
-    assert not any(isinstance(number, float) and math.isnan(number) for number in numbers)
 
 
 def test_what_does_not_fit_is_refused():

@@ -97,16 +97,6 @@ def test_heavy_tails_are_no_change_and_a_loud_part_is_one_wherever_it_lies():
         assert found.evidence.change == pytest.approx(4.0, rel=0.5)
 
 
-def test_a_noisy_start_of_a_long_record_does_not_decide_its_size():
-    z = walk(200_000)
-    z[:5000] += np.random.default_rng(4).normal(0, 2.0, 5000)
-    found = residuals(z, RIGHT)
-    assert found.q_factor == pytest.approx(1.0, abs=0.3)
-    assert found.r_factor == pytest.approx(1.0, abs=0.2)
-    said = judge(found)
-    assert not any(isinstance(one.action, actions.Scale) for one in said.findings)
-
-
 # --- one voice --------------------------------------------------------------------------------------------
 
 
@@ -152,14 +142,6 @@ def test_the_still_stretch_that_a_record_shows_is_offered_where_r_is_open():
     assert offered.findings[0].action == actions.UseStillStretch(100, 250)
     assert offered.findings[1:] == plain.findings[1:]
     assert not needs_noise(estimate(walk()))
-
-
-def test_a_sensor_that_rounds_more_coarsely_than_its_noise_is_named_with_its_step():
-    z = 0.0625 * np.rint(np.cumsum(np.random.default_rng(0).normal(0, 0.1, 800)))
-    found = estimate(z)
-    said = judge(residuals(z, found.params, fitted=True), None, found, unit="°C")
-    assert said.status == "rounded"
-    assert said.headline == "The sensor rounds to 0.0625 °C; the noise is smaller than that."
 
 
 @pytest.mark.slow

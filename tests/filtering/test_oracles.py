@@ -6,13 +6,12 @@ import math
 
 import numpy as np
 import pytest
-from dense_momentum import all_states, constant_velocity, dense_model
+from dense_momentum import constant_velocity, dense_model, van_loan
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kalscope import FilterParams, kalman_filter, smooth
-from kalscope.filtering import kernels, steady
-from kalscope.filtering.filter import FilterResult, SmootherResult, empty_rows
+from kalscope import FilterParams, kalman_filter, smooth, steady_state
+from kalscope.filtering import steady
 
 
 def states_of(params, dt):
@@ -137,27 +136,6 @@ def test_an_exact_start_that_takes_no_time_leaves_the_velocity_to_later_samples(
     must_be_posterior(z, params, states_of(params, dt), kalman_filter(z, params, dt), smooth(z, params, dt), 1e-10)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("seed", range(4))
-@pytest.mark.parametrize("acceleration", [1e-4, 0.01, 1.0])
-def test_an_endless_momentum_is_constant_velocity(seed, acceleration):
-    """τ → ∞ at a fixed q/τ²: white-noise acceleration, from a variance of the velocity before the start."""
-    rng, tau = np.random.default_rng(seed), 1e14
-    dt, params = rng.choice([0.5, 1.0, 1.0, 3.0], 60), FilterParams(1.0, 0.8, 2.0, 0.7, momentum=1e5)
-    z = record(rng, 60, params)
-    (states, readings), tally = empty_rows(params, 60), tuple(np.zeros(1, dtype=np.int64) for _ in range(3))
-    model = acceleration * tau**2, tau, None, params.sensor_r, math.inf, (0.7, -0.1, 2.0, 0.1, 0.05)
-    _, loglik = kernels.filter_rows(z[:, None], dt, *model, tally, states, readings, np.empty(1), True)
-    x, v, p, _, w = (row.copy() for row in states)
-    filtered = FilterResult(x, p, *readings, loglik, int(tally[2][0]), 0, v, w)
-    kernels.smooth_states(dt, *model[:2], 0.7, states)
-    x, v, p, _, w = states
-    smoothed = SmootherResult(x, p, v, w)
-    before = np.array([0.7, -0.1]), np.array([[2.0, 0.1], [0.1, 0.05]])
-    moments = all_states([constant_velocity(step, acceleration) for step in dt], before)
-    must_be_posterior(z, params, moments, filtered, smoothed, 1e-9)
-
-
 @pytest.mark.parametrize("acceleration", [1e-8, 1e-4, 0.01, 1.0, 100.0])
 def test_the_settled_filter_of_a_long_momentum_is_alpha_beta(acceleration):
     """Gains by the Riccati equation of constant velocity; α and β of the tracking index (Kalata 1984 form)."""
@@ -174,21 +152,71 @@ def test_the_settled_filter_of_a_long_momentum_is_alpha_beta(acceleration):
     assert found.lag_samples == pytest.approx((1 - alpha) / (beta * tau), rel=1e-6)  # 0 in the limit
 
 
-@pytest.mark.slow
-def test_a_state_space_of_statsmodels_agrees():
-    from statsmodels.tsa.statespace.kalman_smoother import KalmanSmoother
+PAIRS = ((0.05, 0.8, 20.0), (4.0, 1.0, 3.0), (0.5, 2.0, 0.7), (30.0, 1.0, 400.0))
 
-    params = FilterParams(0.4, [1.0, 9.0], 4.0, 1.0, offset=[0.5, -2.0], gain=[1.0, 3.0])
-    z = record(np.random.default_rng(5), 200, params)
-    theirs = KalmanSmoother(2, 1)
-    theirs.bind(z.copy())
-    theirs["design"], theirs["obs_intercept"] = params.gain[:, None], params.offset[:, None]
-    theirs["obs_cov"], theirs["transition"] = np.diag(params.r), np.eye(1)
-    theirs["selection"], theirs["state_cov"] = np.eye(1), np.array([[params.q]])
-    theirs.initialize_known(np.array([params.x0]), np.array([[params.p0 + params.q]]))
-    run, found, smoothed = theirs.smooth(), kalman_filter(z, params), smooth(z, params)
-    np.testing.assert_allclose(found.x, run.filtered_state[0], rtol=1e-10)
-    np.testing.assert_allclose(found.p, run.filtered_state_cov[0, 0], rtol=1e-9)
-    np.testing.assert_allclose(smoothed.x, run.smoothed_state[0], rtol=1e-9)
-    np.testing.assert_allclose(smoothed.p, run.smoothed_state_cov[0, 0], rtol=1e-9)
-    assert found.loglik == pytest.approx(run.llf_obs.sum(), rel=1e-10)
+
+def rough(n=300, seed=3, missing=0.0):
+    rng = np.random.default_rng(seed)
+    z = np.cumsum(np.cumsum(rng.normal(0, 0.1, n))) + rng.normal(size=n)
+    z[rng.random(n) < missing] = np.nan
+    return z
+
+
+def statsmodels():
+    """Their models; imported where they are used, because every worker collects this file."""
+    import statsmodels.api as sm
+
+    return sm.tsa
+
+
+def trend_model(z, move, r, start):
+    """The local linear trend of statsmodels with the transition of the model with momentum."""
+    f, noise = move
+    model = statsmodels().UnobservedComponents(z, "lltrend")
+    model.ssm["transition"], model.ssm["state_cov"] = f, noise
+    model.ssm["selection"], model.ssm["obs_cov"] = np.eye(2), np.array([[r]])
+    mean, cov = start
+    model.ssm.initialize_known(f @ mean, f @ cov @ f.T + noise)  # theirs is the state of the first sample
+    model.ssm.loglikelihood_burn = 0
+    return model.ssm
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("q", "r", "momentum"), PAIRS)
+def test_filter_smoother_and_likelihood_are_those_of_a_local_linear_trend(q, r, momentum):
+    z = rough(missing=0.1)
+    start = np.array([0.7, 0.0]), np.diag([2.0, q / (2 * momentum)])
+    theirs = trend_model(z, van_loan(1.0, q, momentum), r, start).smooth()
+    params = FilterParams(q, r, p0=2.0, x0=0.7, momentum=momentum)
+    filtered, smoothed = kalman_filter(z, params), smooth(z, params)
+    for state, cov, found in (
+        (theirs.filtered_state, theirs.filtered_state_cov, filtered),
+        (theirs.smoothed_state, theirs.smoothed_state_cov, smoothed),
+    ):
+        np.testing.assert_allclose(found.x, state[0], rtol=1e-8, atol=1e-8)
+        np.testing.assert_allclose(found.velocity, state[1], rtol=1e-8, atol=1e-8)
+        np.testing.assert_allclose(found.p, cov[0, 0], rtol=1e-8)
+        np.testing.assert_allclose(found.velocity_p, cov[1, 1], rtol=1e-8)
+    assert filtered.loglik == pytest.approx(theirs.llf_obs.sum(), rel=1e-10)
+
+
+def settled(params):
+    """K, L, e and f of the settled filter."""
+    found = steady_state(params)
+    kept = math.exp(-1.0 / params.momentum)
+    return found.gain, found.velocity_gain, kept, params.momentum * (1.0 - kept)
+
+
+@pytest.mark.parametrize(("q", "r", "momentum"), [(0.05, 0.8, 20.0), (4.0, 1.0, 30.0), (0.01, 1.0, 6.0)])
+def test_the_settled_filter_predicts_as_a_damped_trend(q, r, momentum):
+    """Level and slope of the damped trend are x and f v / e: α = K, β = f L / e, φ = e."""
+    z = rough(2000)
+    params = FilterParams(q, r, momentum=momentum)
+    gain, velocity_gain, e, f = settled(params)
+    model = statsmodels().ETSModel(
+        z, trend="add", damped_trend=True, initialization_method="known", initial_level=z[0], initial_trend=0.0
+    )
+    theirs = model.smooth([gain, f * velocity_gain / e, e])
+    ours = kalman_filter(z, params)
+    late = slice(1500, None)
+    np.testing.assert_allclose((z - ours.innovation)[late], theirs.fittedvalues[late], rtol=1e-9, atol=1e-9)

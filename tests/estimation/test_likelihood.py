@@ -1,4 +1,4 @@
-"""The likelihood against a dense oracle without Kalman code, against published numbers, and against itself."""
+"""The likelihood against a dense oracle without Kalman code, published numbers and the filter; its contour."""
 
 from __future__ import annotations
 
@@ -9,13 +9,11 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from signals import walk
+from signals import moving, walk
 
-from kalscope import BadSetting, FilterParams, kalman_filter
-from kalscope.estimation.likelihood import log_likelihood, loglik_map
+from kalscope import BadSetting, FilterParams, estimate, kalman_filter, open_source
+from kalscope.estimation.likelihood import DROP_95, likelihood_contour, log_likelihood, loglik_map
 from kalscope.estimation.momentum import likelihood_profile
-
-NILE_Q, NILE_R = 1469.1, 15099.0
 
 
 def dense_loglik(z, q, r, dt=None):
@@ -133,18 +131,6 @@ def test_profile_and_log_likelihood_equal_the_dense_oracle(record, log_ratio):
     assert log_likelihood(z, FilterParams(q, r), dt) == pytest.approx(expected, rel=rounding, abs=1e-9)
 
 
-@pytest.mark.parametrize("missing", [0.0, 0.001, 0.2])
-@pytest.mark.parametrize("n", [2, 9, 500, 20_000])
-def test_every_lane_of_a_profile_equals_the_filter_run_alone(n, missing):
-    """From lags far beyond the record to no filtering; settled, unsettled and regained lanes."""
-    z = walk(n, 0.01, missing=missing) + 1e3
-    z[:2] = [1001.0, 1002.0]
-    profile = likelihood_profile(z)
-    for j in range(0, 121, 8):
-        params = FilterParams(math.exp(profile.log_ratios[j]) * profile.r[j], profile.r[j])
-        assert profile.loglik[j] == pytest.approx(log_likelihood(z, params), rel=1e-10, abs=1e-9)
-
-
 # --- the map, the unit, the shapes ----------------------------------------------------------------------
 
 
@@ -157,14 +143,6 @@ def test_the_whole_map_comes_from_one_profile():
     assert found.shape == (5, 9)
     np.testing.assert_allclose(found, exact, rtol=0, atol=3e-6 * profile.m)
     assert profile.loglik_at(1.0, 0.0) == pytest.approx(log_likelihood(z, FilterParams(1.0, 0.0)), abs=1e-5)
-
-
-def test_log_likelihood_is_the_one_that_the_filter_reports():
-    z = np.stack([walk(200, 0.1), walk(200, 1.0, seed=1, missing=0.3)], axis=1)
-    params = FilterParams(q=0.1, r=2.0, p0=3.0, x0=0.5, gate=9.0)
-    assert log_likelihood(z, params).shape == (2,)
-    np.testing.assert_array_equal(log_likelihood(z, params), kalman_filter(z, params).loglik)
-    assert isinstance(log_likelihood(z[:, 0], FilterParams(1, 1)), float)
 
 
 @pytest.mark.parametrize(
@@ -183,3 +161,54 @@ def test_log_likelihood_is_the_one_that_the_filter_reports():
 def test_what_cannot_be_scanned_is_refused(z, log_ratios):
     with pytest.raises(BadSetting):
         likelihood_profile(z, log_ratios)
+
+
+def uneven(n, seed=1):
+    return np.random.default_rng(seed).choice([0.5, 1.0, 7.0], n)
+
+
+@pytest.mark.parametrize("momentum", [0.0, 0.01, 3.0, 200.0, 1e5])
+@pytest.mark.parametrize(("missing", "n", "dt"), [(0.0, 2, None), (0.001, 9000, None), (0.1, 700, uneven(700))])
+def test_every_point_of_a_profile_equals_the_filter_run_alone(momentum, missing, n, dt):
+    """From lags far beyond the record to no filtering; settled, unsettled and regained lanes."""
+    z = 1e3 + (moving(n, 20.0, 0.3, missing=missing) if momentum else walk(n, 0.01, missing=missing))
+    profile = likelihood_profile(z, dt=dt, momentum=momentum)
+    for j in range(0, len(profile.loglik), 10):
+        r = profile.r[j]
+        params = FilterParams(math.exp(profile.log_ratios[j]) * r, r, momentum=momentum)
+        assert profile.loglik[j] == pytest.approx(log_likelihood(z, params, dt), rel=1e-7, abs=1e-5)
+
+
+def drops(z, contour, best, dt=None):
+    pairs = zip(np.exp(contour.log_q), np.exp(contour.log_r), strict=True)
+    return np.array([2 * (best.loglik - log_likelihood(z, FilterParams(q=q, r=r), dt)) for q, r in pairs])
+
+
+@pytest.mark.parametrize("drop", [1.0, DROP_95])
+@pytest.mark.parametrize("unit", [1e-6, 1.0, 1e6])
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_every_point_falls_short_by_what_was_asked(seed, unit, drop):
+    z = unit * walk(800, 0.02, seed)
+    best = estimate(z)
+    contour = likelihood_contour(z, best, drop=drop)
+    assert contour.closed
+    assert drops(z, contour, best) == pytest.approx(np.full(122, drop), abs=0.02)
+
+
+def test_the_nile_and_a_record_with_gaps():
+    nile = open_source("sample:nile").values[:, 0]
+    best = estimate(nile)
+    assert drops(nile, likelihood_contour(nile, best), best) == pytest.approx(np.full(122, DROP_95), abs=0.02)
+    z = walk(600, 0.05, 3)
+    z[100:140] = np.nan
+    dt = np.random.default_rng(4).uniform(0.2, 3.0, 600)
+    best = estimate(z, dt=dt)
+    assert drops(z, likelihood_contour(z, best, dt), best, dt) == pytest.approx(np.full(122, DROP_95), abs=0.03)
+
+
+def test_white_noise_allows_no_movement_at_all_so_its_contour_is_open():
+    z = np.random.default_rng(6).normal(size=400)
+    best = estimate(z)
+    contour = likelihood_contour(z, best)
+    assert not contour.closed
+    assert contour.log_q.min() < np.log(best.r) - 15

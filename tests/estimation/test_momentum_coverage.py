@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from effort import FUZZ
 
-FOLDER = Path(__file__).parents[3] / "benchmarks"
+FOLDER = Path(__file__).parents[2] / "benchmarks"
 RUNS = 20 * FUZZ
 UNLIKELY = 1e-3
 """Chance at which a count outside the promised shares is taken for a fault and not for luck."""

@@ -174,32 +174,6 @@ def test_one_step_of_a_coarse_converter_is_no_spike():
     assert np.flatnonzero(estimate(coarse).outliers).tolist() == [100, 600, 601]
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    "z",
-    [
-        np.empty(0),
-        np.array([1.0]),
-        np.full(50, np.nan),
-        np.arange(100.0),
-        np.tile([0.0, 1.0], 50),
-        np.r_[np.zeros(50), 1e150, np.zeros(50)],
-        np.r_[np.random.default_rng(0).normal(size=60), 1e300],
-        1e-160 * np.random.default_rng(0).normal(size=60),
-        np.random.default_rng(0).standard_cauchy(200),
-        np.cumsum(np.random.default_rng(0).standard_cauchy(200)),
-    ],
-    ids=["none", "one", "missing", "ramp", "alternating", "glitch", "huge", "tiny", "cauchy", "jumps"],
-)
-@pytest.mark.parametrize("robust", ["auto", True])
-def test_odd_records_get_a_verdict_in_words(z, robust):
-    with np.errstate(over="raise", invalid="raise", divide="raise"):
-        found = estimate(z, robust=robust)
-    assert found.message.endswith(".")
-    assert np.isfinite([found.q, found.r]).all()
-    assert (found.params is None) == (found.verdict not in ("ok", "flat"))
-
-
 def test_other_methods_have_no_such_fit():
     _, z, _ = spiky()
     assert estimate(z, "moments").outliers is None
