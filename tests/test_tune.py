@@ -52,14 +52,13 @@ def test_q_and_r_in_place_of_params(recording):
             kalscope.denoise(z, **wrong)
 
 
-def test_known_noise_or_a_ratio_in_place_of_the_method(recording):
+def test_known_noise_or_a_ratio(recording):
     z = recording.values[:, 0]
     assert kalscope.estimate(z, r=4.0).r == 4.0
     assert kalscope.estimate(z, ratio=0.1).ratio == pytest.approx(0.1)
     for wrong in (
         {"r": 4.0, "ratio": 0.1},
         {"r": 4.0, "momentum": 3.0},
-        {"ratio": 0.1, "method": "allan"},
         {"ratio": 0},
     ):
         with pytest.raises(kalscope.BadSetting):

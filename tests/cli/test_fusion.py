@@ -230,7 +230,6 @@ def test_a_dead_sensor_gives_no_filter_but_words(tmp_path: Path, capsys: Capture
         (["--fuse", "a,b", "--all"], "--fuse must be used without --channel and --all"),
         (["--reference", "a"], "--reference needs --fuse"),
         (["--fuse", "a,b", "--reference", "c"], "--reference must be a sensor of --fuse: a, b (got 'c')"),
-        (["--fuse", "a,b", "--method", "allan"], "--method must be ml with --fuse"),
         (["--fuse", "a,b", "--r", "a=1", "--sigma", "b=1"], "only one of --still, --sigma, --density, --r"),
         (["--r", "a=1"], "--r must be one number without --fuse (got one for a)"),
         (["--fuse", "a,b", "--lag-ms", "1e11"], "the goal must be a filter that is not slower than the record"),

@@ -290,7 +290,6 @@ USER_ERRORS: list[tuple[list[str], str]] = [
     (["demo", "--lag-ms", "5", "--gain", "0.1"], "can decide q/r (got --lag-ms and --gain)"),
     (["demo", "--r", "1", "--sigma", "1"], "can give r (got --sigma and --r)"),
     (["demo", "--density", "1"], "given together (got only --density)"),
-    (["demo", "--method", "allan", "--r", "1"], "--method allan must be used without --r"),
     (["demo", "--still", "1-2"], "--still must be FROM:TO"),
     (["demo", "--overshoot", "100", "--gain", "0.1"], "--overshoot must be a percentage of at least 0 and"),
     (["demo", "--overshoot", "5", "--lag-ms", "90", "--momentum", "9"], "overshoot needs a target such as a lag"),

@@ -1,4 +1,4 @@
-"""`estimate`: published answers, the unit law, intervals that cover, edges told in words, other methods."""
+"""`estimate`: published answers, the unit law, intervals that cover, edges told in words."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from signals import walk
 
 from kalscope import BadSetting, FilterParams, kalman_filter
-from kalscope.estimation.fit import METHODS, estimate, estimate_fixed_r, estimate_fixed_ratio
+from kalscope.estimation.fit import estimate, estimate_fixed_r, estimate_fixed_ratio
 from kalscope.estimation.likelihood import log_likelihood
 from kalscope.estimation.momentum import likelihood_profile
 
@@ -197,37 +197,14 @@ def test_poor_records_get_a_verdict_and_no_parameters(z, verdict):
     assert not np.isnan([found.q, found.r, found.ratio, found.loglik, *found.ratio_interval]).any()
 
 
-# --- the instant ones -----------------------------------------------------------------------------------
-
-
-def test_moments_of_the_nile_flows(nile):
-    """r = −γ₁ and q = γ₀ + 2γ₁ of the differences, written out."""
-    d = np.diff(nile)
-    g0, g1 = np.mean(d * d), np.mean(d[1:] * d[:-1])
-    found = estimate(nile, "moments")
-    assert found.r == pytest.approx(-g1, rel=1e-12)
-    assert found.q == pytest.approx(g0 + 2 * g1, rel=1e-12)
-
-
 @pytest.mark.slow
-@pytest.mark.parametrize("method", ["moments", "allan", "ml"])
 @pytest.mark.parametrize("ratio", [0.05, 0.5, 5.0])
-def test_every_method_recovers_the_truth_from_a_long_record(method, ratio):
-    found = estimate(walk(60_000, ratio, seed=11, r=4.0), method)
+def test_it_recovers_the_truth_from_a_long_record(ratio):
+    found = estimate(walk(60_000, ratio, seed=11, r=4.0))
     assert found.q == pytest.approx(4.0 * ratio, rel=0.12)
     assert found.r == pytest.approx(4.0, rel=0.12)
     assert abs(found.q - 4.0 * ratio) < 5 * found.q_se
     assert abs(found.r - 4.0) < 5 * found.r_se
-
-
-def test_allan_refuses_what_is_not_regular_or_changes_only_across_gaps():
-    z, dt = walk(500, 0.1), np.random.default_rng(0).uniform(0.5, 1.5, 500)
-    found = estimate(z, "allan", dt=dt)
-    assert (found.verdict, found.params) == ("irregular", None)
-    assert "regular" in found.message
-    z = np.repeat([0.0, 0.0, 1.0, 1.0], 20)
-    z[38:42] = np.nan
-    assert (estimate(z, "allan").verdict, estimate(z).verdict) == ("too_few", "no_noise")
 
 
 # --- any record -----------------------------------------------------------------------------------------
@@ -250,7 +227,11 @@ def records(draw):
 @given(records())
 def test_any_record_gets_numbers_and_words(record):
     z, dt = record
-    each = [estimate(z, method, dt, momentum=0.0, robust=False) for method in METHODS]
+    each = [
+        estimate(z, dt, momentum=0.0, robust=False),
+        estimate(z, dt, momentum=0.0),
+        estimate(z, robust=True),
+    ]
     for one in (*each, estimate_fixed_r(z, 1.0, dt), estimate_fixed_ratio(z, 0.01, dt)):
         values = [one.q, one.r, one.ratio, one.loglik, one.q_se, one.r_se]
         values += [*one.ratio_interval, *one.gain_interval, *one.lag_interval]
@@ -270,22 +251,13 @@ def test_any_record_gets_numbers_and_words(record):
         ([1.0, np.inf, 2.0], {}),
         ([1.0, 2.0], {"dt": [1.0]}),
         ([1.0, 2.0], {"dt": [1.0, -1.0]}),
-        ([1.0, 2.0], {"method": "guess"}),
+        ([1.0, 2.0], {"robust": "yes"}),
         (np.ones((2, 2, 2)), {}),
     ],
 )
 def test_bad_settings_are_refused(z, options):
     with pytest.raises(BadSetting):
         estimate(z, **options)
-
-
-def test_a_method_that_misses_what_the_record_shows_does_not_blame_the_record():
-    rng = np.random.default_rng(0)
-    z = np.cumsum(0.1 * rng.standard_normal(2000)) + rng.standard_normal(2000)
-    blind = estimate(z, "moments")
-    assert blind.verdict == "no_movement"
-    assert blind.ratio_interval[0] > 0.0
-    assert "more about the method than about the record" in blind.message
 
 
 # --- one of the two is fixed ----------------------------------------------------------------------------

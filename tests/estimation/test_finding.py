@@ -12,7 +12,6 @@ from scipy.signal import lfilter
 
 from kalscope import FilterParams, denoise, estimate, ratio_for, steady_state
 from kalscope.errors import BadSetting
-from kalscope.estimation.fit import METHODS
 from kalscope.estimation.request import (
     HARDLY,
     TARGETS,
@@ -232,18 +231,17 @@ EDGES = {
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("known", KNOWN)
 @pytest.mark.parametrize("ratio", [None, 0.01])
 @pytest.mark.parametrize("target", [None, *TARGETS])
-def test_a_wish_fixes_the_ratio_the_noise_fixes_r_and_the_rest_is_estimated(target, ratio, known, method):
+def test_a_wish_fixes_the_ratio_the_noise_fixes_r_and_the_rest_is_estimated(target, ratio, known):
     noise, r = KNOWN[known]
     asked = {target: WISHED[target]} if target else None
     if target and ratio is not None:
         with pytest.raises(BadSetting, match="only one target for λ may be given"):
-            ask(Z, sample_period=PERIOD, method=method, target=asked or {}, ratio=ratio, noise=noise)
+            ask(Z, sample_period=PERIOD, target=asked or {}, ratio=ratio, noise=noise)
         return
-    found = ask(Z, sample_period=PERIOD, method=method, target=asked or {}, ratio=ratio, noise=noise)
+    found = ask(Z, sample_period=PERIOD, target=asked or {}, ratio=ratio, noise=noise)
     assert found.message.endswith(".")
     if r == "still":
         residuals = Z[:60] - np.polyval(np.polyfit(np.arange(60), Z[:60], 1), np.arange(60))
@@ -254,19 +252,19 @@ def test_a_wish_fixes_the_ratio_the_noise_fixes_r_and_the_rest_is_estimated(targ
         assert getattr(steady_state(found.params, PERIOD), target) == pytest.approx(WISHED[target], rel=1e-9)
     if ratio is not None:
         assert found.params.ratio == pytest.approx(ratio, rel=1e-12)
-    by = expected_method(target, ratio, r, method)
+    by = expected_method(target, ratio, r)
     assert (found.estimate.method if found.estimate else None) == by
     assert found.estimate is None or found.estimate.params == found.params
-    if by in METHODS:
-        assert found.how == METHODS[method]
+    if by == "ml":
+        assert found.how == "maximum likelihood"
 
 
-def expected_method(target, ratio, r, method):
+def expected_method(target, ratio, r):
     if target or (ratio is not None and r is not None):
         return None  # all is said, nothing is left to estimate
     if ratio is not None:
         return "fixed_ratio"
-    return method if r is None else "fixed_r"
+    return "ml" if r is None else "fixed_r"
 
 
 def test_spikes_do_not_raise_the_r_of_a_goal_and_the_answer_says_that_no_gate_is_set():
@@ -285,7 +283,6 @@ def test_spikes_do_not_raise_the_r_of_a_goal_and_the_answer_says_that_no_gate_is
 CONTRADICTIONS = [
     ({"target": {"gain": 0.2, "lag_s": 0.1}}, r"only one target for λ may be given \(got gain and lag_s\)"),
     ({"target": {"speed": 1.0}}, "target must be one of lag_s, .* 'speed'"),
-    ({"method": "magic"}, "method must be one of ml, .* 'magic'"),
     ({"ratio": 0.0}, "q/r must be a finite number above 0"),
     ({"noise": Noise(r=1.0, sigma=1.0)}, r"one source \(got r, sigma\)"),
     ({"noise": Noise(still=(0, 60), density=1.0, bandwidth_hz=1.0)}, r"one source \(got density, still\)"),

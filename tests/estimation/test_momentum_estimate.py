@@ -124,13 +124,6 @@ def test_a_momentum_longer_than_the_record_is_not_claimed():
 # --- refusals, progress ------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("method", ["moments", "allan"])
-def test_other_methods_know_no_momentum(record, method):
-    with pytest.raises(BadSetting, match="which has none"):
-        estimate(record, method, momentum=5.0)
-    assert estimate(record, method) == estimate(record, method, momentum=0)
-
-
 @pytest.mark.parametrize("momentum", [-1.0, 1e6, math.nan, "some", None])
 def test_a_momentum_out_of_range_is_refused(record, momentum):
     with pytest.raises(BadSetting, match="momentum must be"):

@@ -12,7 +12,17 @@ from kalscope import BadSetting, FilterParams, estimate, kalman_filter
 from kalscope.estimation.fit import estimate_fixed_ratio
 from kalscope.estimation.likelihood import differences
 from kalscope.estimation.many import estimate_many
-from kalscope.estimation.pool import LOG_RATIOS, Pool, fit_pool, held_out, held_out_at, outliers, pool_at, pool_of
+from kalscope.estimation.pool import (
+    LOG_RATIOS,
+    Pool,
+    fit_pool,
+    held_out,
+    held_out_at,
+    outliers,
+    pool_at,
+    pool_of,
+    share_served,
+)
 
 
 def uneven(devices=40, seed=3):

@@ -7,7 +7,7 @@ from dataclasses import fields
 import numpy as np
 import pytest
 
-from kalscope import BadSetting, estimate, kalman_filter
+from kalscope import estimate, kalman_filter
 from kalscope.estimation.fit import estimate_fixed_r, estimate_fixed_ratio
 from kalscope.estimation.spikes import MAX_SHARE, SIGMAS
 from kalscope.filtering.kernels import GATE_LIMIT
@@ -172,15 +172,6 @@ def test_one_step_of_a_coarse_converter_is_no_spike():
     assert estimate(coarse).outliers is None
     coarse[[100, 600, 601]] += 60.0
     assert np.flatnonzero(estimate(coarse).outliers).tolist() == [100, 600, 601]
-
-
-def test_other_methods_have_no_such_fit():
-    _, z, _ = spiky()
-    assert estimate(z, "moments").outliers is None
-    with pytest.raises(BadSetting, match='only "ml" sets spikes aside'):
-        estimate(z, "moments", robust=True)
-    with pytest.raises(BadSetting, match='must be "auto", True or False'):
-        estimate(z, robust="yes")
 
 
 def test_impacts_that_no_gate_can_tell_from_movement_stay_in_the_fit():

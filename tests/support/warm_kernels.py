@@ -56,8 +56,7 @@ for params in (PLAIN, MOVING):
 classic = Median(5), MovingAverage(5), Exponential(0.1), Butterworth(0.1), OneEuro(0.1, 0.1, 0.1)
 RunningStages(classic, np.float32).take(z.astype(np.float32), np.empty(0))
 compare_alternatives(live, PLAIN)
-for method in ("ml", "moments"):
-    estimate(spiky, method=method)
+estimate(spiky)
 estimate(z[:2000], two_speeds=True)
 estimate_many([z[:400], spiky])
 GeneralizedParams(1.0).run(np.abs(z) + 1.0)

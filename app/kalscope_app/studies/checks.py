@@ -15,7 +15,7 @@ from kalscope.analysis.residuals import Run
 from kalscope.analysis.spectrum import AllanDeviation, Spectrum, allan_deviation, magnitude_response, spectrum
 from kalscope.common.numbers import Array
 from kalscope.estimation.fit import estimate
-from kalscope.estimation.methods import METHODS
+from kalscope.estimation.request import BEST_FIT
 from kalscope.estimation.settings import momentum_gain
 from kalscope.estimation.still import find_still_stretch
 from kalscope.estimation.two_speeds import TwoSpeeds, clear_two_speeds
@@ -227,7 +227,7 @@ def compute_checks(
     z, dt = state.z, state.dt
     whole = diagnose_run(Run.of_samples(z, state.params, dt))
     # q and r that were fitted to the whole recording have seen the second half: estimate again, on the first.
-    estimated = state.tuning.how in METHODS.values()
+    estimated = state.tuning.how == BEST_FIT
 
     def fit(first: Array, dt: Array | None) -> FilterParams:
         return estimate(first, dt=dt, momentum=state.tuning.momentum).params or state.params

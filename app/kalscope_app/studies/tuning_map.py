@@ -253,9 +253,9 @@ def nothing(why: str) -> TuningMap:
 def scan_recording(state: State) -> Scan:
     """One scan of the channel on screen: the best pair, the likelihood over λ, the 95 % region."""
     z, dt, momentum = state.z, state.dt, state.tuning.momentum
-    best = estimate(z, "ml", dt=dt, momentum=momentum)
+    best = estimate(z, dt=dt, momentum=momentum)
     if best.verdict == "too_many_outliers":
-        best = estimate(z, "ml", dt=dt, momentum=momentum, robust=False)
+        best = estimate(z, dt=dt, momentum=momentum, robust=False)
     if best.outliers is not None:
         z = np.where(best.outliers, np.nan, z)  # the map is that of the fit, which did not see them either
     if best.verdict in ("too_few", "constant", "bad_unit"):

@@ -227,9 +227,6 @@ def _held_out(
 
 def answer_for_fusion(recording: Recording, options: FusionOptions, progress: Progress) -> Answer:
     """Find and judge the filter that fuses channels of a recording; BadSetting as in `answers_for`."""
-    if options.method != "ml":
-        must = "--method must be ml with --fuse, the only one for several sensors"
-        raise BadSetting(f"{must} (got {options.method})")
     units, given = units_of(recording), options.reference
     mixed = options.sensor_gains and given is not None
     sensors = channels_to_fuse(units, options.fuse or "", mixed_units=mixed)
@@ -346,7 +343,6 @@ def _without(request: Request) -> list[str]:
         *(TARGET_OPTIONS[name] for name in request.target),
         *(f"--{name}" for name in ("ratio", "overshoot") if getattr(request, name) is not None),
         *(f"--{name}" for name in noises),
-        *(["--method"] if request.method != "ml" else []),
         *(["--momentum"] if request.momentum != "auto" else []),
     ]
     return [f"without {', '.join(given)}"] if given else []

@@ -38,9 +38,6 @@ class TuneOptions:
         BadSetting: two of them contradict each other.
     """
 
-    method: Annotated[
-        str, typer.Option(metavar="NAME", help="ml (default), moments or allan.", show_default=False)
-    ] = "ml"
     lag_ms: Annotated[float | None, number_option("Target: largest lag behind a ramp, ms.")] = None
     cutoff_hz: Annotated[float | None, number_option("Target: −3 dB frequency, Hz.")] = None
     noise_reduction_db: Annotated[float | None, number_option("Target: reduction of white noise, dB.")] = None
@@ -97,9 +94,6 @@ class TuneOptions:
             several = [option for option in group if self._value(option) is not None]
             if len(several) > 1:
                 raise BadSetting(f"only one of {', '.join(group)} can {must} (got {' and '.join(several)})")
-            if several and self.method != "ml":
-                got = f"--method {self.method} must be used without {several[0]}"
-                raise BadSetting(f"{got}, which decides instead (got both)")
         if (self.density is None) != (self.bandwidth_hz is None):
             alone = "--bandwidth-hz" if self.density is None else "--density"
             raise BadSetting(f"--density and --bandwidth-hz must be given together (got only {alone})")
@@ -128,7 +122,6 @@ class TuneOptions:
                 raise BadSetting(f"{option} needs the time between two samples: give --sample-period (got none)")
         still = None if self.still is None else still_samples(recording, self.still)
         return Request(
-            method=self.method,
             target={SPECIFICATIONS[name][0]: value * SPECIFICATIONS[name][1] for name, value in specified.items()},
             ratio=self.ratio,
             noise=Noise(self.r, self.sigma, self.density, self.bandwidth_hz, still),

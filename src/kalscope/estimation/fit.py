@@ -1,4 +1,4 @@
-"""q, r and momentum from a record by a named method, or from what is known: a lag, one of the two, their ratio."""
+"""q, r and momentum from a record by maximum likelihood, or from what is known: a lag, q, r or their ratio."""
 
 from __future__ import annotations
 
@@ -15,7 +15,6 @@ from kalscope.common.progress import Progress
 from kalscope.errors import BadSetting
 from kalscope.estimation import methods, verdict
 from kalscope.estimation.likelihood import Differences, Peak, differences, search_records
-from kalscope.estimation.methods import METHODS
 from kalscope.estimation.momentum import conclude as conclude_momentum
 from kalscope.estimation.momentum import fit_movement, with_given_momentum, with_momentum
 from kalscope.estimation.noise import resolution_of
@@ -26,12 +25,11 @@ from kalscope.estimation.verdict import NOWHERE, channel_fit, conclude, exp, fit
 from kalscope.filtering.params import MAX_MOMENTUM, MAX_VARIANCE, MIN_MOMENTUM, FilterParams
 from kalscope.filtering.steady import momentum_for_overshoot, ratio_for
 
-# `estimate`: q, r and momentum from a record by a named method.
+# `estimate`: q, r and momentum from a record by maximum likelihood.
 
 
 def estimate(
     z: ArrayLike,
-    method: str = "ml",
     dt: ArrayLike | None = None,
     progress: Callable[[float, str], None] | None = None,
     cancelled: Callable[[], bool] | None = None,
@@ -46,17 +44,13 @@ def estimate(
 
     Args:
         z: measurements, shape (n,); NaN is a missing sample.
-        method: "ml" maximum likelihood (recommended), or for comparison: "moments" of the differences,
-            "allan" variance.
         dt: nominal sample periods before each sample, shape (n,), ≥ 0; None = 1 each.
         progress: called with the fraction done and a few words; None = not reported.
         cancelled: whether to stop; None = never.
         momentum: τ in nominal sample periods, 0 … 1e5; 0 = none, the five lines. "auto" = find it, and take it
-            where both the likelihood and the prediction of unseen samples favour it. Only "ml" supports momentum:
-            with another method "auto" is 0.
+            where both the likelihood and the prediction of unseen samples favour it.
         robust: whether spikes, samples that neither those before nor those after predict, are set aside before the
-            fit: True always, False never, "auto" where there are any. Only "ml" can: with another method "auto" is
-            False.
+            fit: True always, False never, "auto" where there are any.
         two_speeds: whether a filter with two speeds is used, calm at rest and quick while the signal moves, where
             the record shows them clearly: by 1.5 ln n + 3 in log-likelihood, and by its prediction errors.
         r: the variance of the measurement noise where it is known, unit², > 0: only q is estimated, no momentum.
@@ -66,21 +60,18 @@ def estimate(
         An Estimate; its `params` are None where the record gives no usable pair, and its `message` says why.
 
     Raises:
-        BadSetting: z holds inf or has another shape; dt does not fit z; the method is unknown, or does not support
-            momentum; momentum is out of its range; robust is something else.
+        BadSetting: z holds inf or has another shape; dt does not fit z; momentum is out of its range; robust is
+            something else.
         Cancelled: `cancelled()` was true.
 
-    Source: Durbin & Koopman (2012), section 2.10; each method's module names its own.
+    Source: Durbin & Koopman (2012), section 2.10.
     """
-    if method not in METHODS:
-        raise BadSetting(f"method must be one of {', '.join(METHODS)} (got {method!r})")
-
-    tau = checked_momentum(momentum, method)
+    tau = checked_momentum(momentum)
     if r is not None or ratio is not None:
-        if (r is not None and ratio is not None) or method != "ml" or tau:
+        if (r is not None and ratio is not None) or tau:
             raise BadSetting(
-                f"r or ratio must be given alone, without method and momentum (got r = {r}, ratio = {ratio}, "
-                f"method = {method!r}, momentum = {momentum!r})"
+                f"r or ratio must be given alone, without momentum (got r = {r}, ratio = {ratio}, "
+                f"momentum = {momentum!r})"
             )
         return (
             estimate_fixed_r(z, r, dt, robust)
@@ -89,8 +80,9 @@ def estimate(
         )
 
     def walk(data: Differences, progress: Progress) -> Estimate:
-        peak = methods.search(data, progress.part(0.0, 0.9))
-        return conclude(method, data, methods.fit_by_name(method, data, peak, progress.part(0.9, 1.0)), peak)
+        peak = methods.search(data, progress)
+        pair = replace(methods.fit_maximum_likelihood(data, peak), note=methods.note_on_differences(data))
+        return conclude("ml", data, pair, peak)
 
     def channel(tau: float | None) -> Fit:
         def fit(data: Differences, progress: Progress) -> Estimate:
@@ -100,11 +92,10 @@ def estimate(
                 return walk(data, progress)
             return with_momentum(data, walk(data, progress.part(0.0, 0.1)), progress.part(0.1, 1.0))
 
-        one = channel_fit(method, fit)
-        return above_rounding(one) if method == "ml" else one
+        return above_rounding(channel_fit("ml", fit))
 
     full = channel(tau)
-    whole = spike_proof(full, channel if tau is None else lambda _: full, checked_robust(robust, method == "ml"))
+    whole = spike_proof(full, channel if tau is None else lambda _: full, checked_robust(robust))
     if not two_speeds:
         return fit_record(z, dt, Progress(progress, cancelled), whole)
     shown = Progress(progress, cancelled)
@@ -113,22 +104,20 @@ def estimate(
     return one
 
 
-def checked_momentum(momentum: float | Literal["auto"], method: str) -> float | None:
+def checked_momentum(momentum: float | Literal["auto"]) -> float | None:
     """τ in sample periods, as the filter will take it; None = to be found.
 
     Raises:
-        BadSetting: it is out of its range, or above 0 for a method that does not support momentum.
+        BadSetting: it is out of its range.
     """
     if isinstance(momentum, str) and momentum == "auto":
-        return None if method == "ml" else 0.0
+        return None
     try:
         tau = float(momentum)
     except (TypeError, ValueError):
         tau = math.nan
     if not 0.0 <= tau <= MAX_MOMENTUM:
         raise BadSetting(f'momentum must be "auto" or sample periods from 0 to 1e5 (got {momentum!r})')
-    if tau > 0.0 and method != "ml":
-        raise BadSetting(f'momentum must be "auto" or 0 for the method {method!r}, which has none (got {tau:g})')
     return tau if tau >= MIN_MOMENTUM else 0.0
 
 

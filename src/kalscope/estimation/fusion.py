@@ -208,7 +208,7 @@ def _estimate_signal(
     def one(weights: Array, part: Progress) -> tuple[Estimate, int]:
         signal = fused_signal(record.z, place, data, weights)
         momentum = "auto" if tau is None else tau
-        single = estimate(signal, "ml", record.dt, part, part.cancelled, momentum, robust=False)
+        single = estimate(signal, record.dt, part, part.cancelled, momentum, robust=False)
         return single, int(np.isfinite(signal).sum())
 
     weighted = one(1.0 / (r + _EVEN * r.mean()) if r.any() else even, progress.part(0.0, 0.5))
@@ -651,7 +651,7 @@ def estimate_fusion(
     Source: Durbin & Koopman (2012), sections 6.4 and 7.3; the model choice as in `estimation.momentum`.
     """
     record = checked_record(z, dt, names, reference, known_r)
-    tau, always = checked_momentum(momentum, "ml"), checked_robust(robust)
+    tau, always = checked_momentum(momentum), checked_robust(robust)
     task = Progress(progress, cancelled)
     wrong = record.unusable(gains)
     if wrong is not None:
@@ -659,7 +659,7 @@ def estimate_fusion(
     outliers = np.zeros(record.z.shape, dtype=bool)
     for i, column in enumerate(record.z.T if always is not False else ()):
         part = task.part(0.3 * i / len(record.names), 0.3 * (i + 1) / len(record.names))
-        one = estimate(column, "ml", record.dt, part, part.cancelled, momentum, robust)
+        one = estimate(column, record.dt, part, part.cancelled, momentum, robust)
         if one.verdict == "too_many_outliers":
             return refused(record, one.verdict, TOO_MANY.format(record.names[i]))
         outliers[:, i] = False if one.outliers is None else one.outliers

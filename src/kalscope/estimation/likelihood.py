@@ -589,7 +589,7 @@ def likelihood_contour(
 
     Args:
         z: measurements of one channel, shape (n,), unit; NaN is a missing sample.
-        best: what `estimate(z, "ml", dt)` gave.
+        best: what `estimate(z, dt)` gave.
         dt: nominal sample periods before each sample, shape (n,), ≥ 0; None = 1 each.
         drop: see `DROP_95`, > 0.
         scan: scans the record; another than the default where `best` has momentum.

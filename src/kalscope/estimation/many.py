@@ -44,7 +44,7 @@ from kalscope.filtering.params import MAX_VARIANCE, samples_of
 
 VERDICTS = (
     "ok", "flat", "no_noise", "no_movement", "too_few", "constant", "bad_unit", "infinite", "bad_steps",
-    "below_resolution", "only_spikes", "too_many_outliers", "irregular",
+    "below_resolution", "only_spikes", "too_many_outliers",
 )  # fmt: skip
 """Every verdict by its code: those of `Estimate`, and "infinite" (a sample is inf) and "bad_steps" (a step is
 negative or not finite), for which `estimate` raises an error."""
@@ -435,11 +435,7 @@ def pair_intervals(one: Estimate, z: Array, steps: Array) -> tuple[float, float,
     """
     wald = (*_around(one.q, one.q_se), *_around(one.r, one.r_se))
     q, r = np.array([one.q]), np.array([one.r])
-    if (
-        one.method not in ("ml", "fixed_r", "fixed_ratio")
-        or one.momentum > 0.0
-        or not (one.q > 0.0 and one.r > 0.0)
-    ):
+    if one.momentum > 0.0 or not (one.q > 0.0 and one.r > 0.0):
         return wald
     known = {"fixed_r": Known(r=r), "fixed_ratio": Known(ratio=q / r)}.get(one.method, NOTHING)
     used = z if one.outliers is None else np.where(one.outliers, np.nan, z)
@@ -504,7 +500,7 @@ def estimate_many(
     Source: as `estimate`.
     """
     many = series_of(series, dt)
-    k, tau, always = len(many), checked_momentum(momentum, "ml"), checked_robust(robust)
+    k, tau, always = len(many), checked_momentum(momentum), checked_robust(robust)
     known = Known(above_zero_each("r", r, k), above_zero_each("ratio", ratio, k))
     if known.r is not None and known.ratio is not None:
         raise BadSetting("r and ratio must not both be given: together they leave nothing to find (got both)")

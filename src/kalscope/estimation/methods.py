@@ -1,9 +1,8 @@
-"""The methods that estimate q and r, each from one record, and all of them by name."""
+"""The maximum-likelihood pair of one record and its standard errors; what its differences say of the model."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -75,28 +74,6 @@ def relative_errors(log_ratios: Array, curvature: Array, chi2: Array, m: Array |
     return np.sqrt(2.0 / m + (1.0 + slope) ** 2 * variance), np.sqrt(2.0 / m + slope**2 * variance)
 
 
-# Moments of the differences: a quick estimate without a filter.
-#
-# Δz has variance γ₀ = q + 2r, neighbours have covariance γ₁ = −r, and nothing is left further apart, so
-# r = −γ₁ and q = γ₀ + 2γ₁. Where γ₁ > 0, or more is left two samples apart, the model does not hold.
-
-
-def fit_by_moments(data: Differences) -> Pair:
-    """The pair from γ₀ and γ₁, negative values set to 0; standard errors by Bartlett's formula."""
-    m = data.m
-    gap = float(np.mean(data.gap)) if len(data.gap) else 1.0
-    g0, g1, _ = _products(data)
-    var0, var1, cov = 2.0 * (g0**2 + 2.0 * g1**2) / m, (g0**2 + 3.0 * g1**2) / m, 4.0 * g0 * g1 / m
-    r, q = -g1, (g0 + 2.0 * g1) / gap if gap > 0.0 else 0.0
-    r_se, q_se = math.sqrt(var1), math.sqrt(max(var0 + 4.0 * var1 + 4.0 * cov, 0.0)) / max(gap, 1e-150)
-    note = note_on_differences(data)
-    if r <= 0.0:
-        return Pair(g0 / gap if gap > 0.0 else 0.0, 0.0, q_se, r_se, note=note)
-    if q <= 0.0:
-        return Pair(0.0, g0 / 2.0, q_se, r_se, note=note)
-    return Pair(q, r, q_se, r_se, note=note)
-
-
 def note_on_differences(data: Differences) -> str:
     """How the differences of neighbouring samples contradict the model; "" where they do not."""
     m = data.m
@@ -125,55 +102,6 @@ def _products(data: Differences) -> list[float]:
 
 
 # Allan variance: averages over M samples, compared with the average before.
-#
-# Under the model AVAR(M) = r/M + q(2M² + 1)/(6M) (Zhang 2008, Metrologia 45, 549; in R's avar `av_wn`, `av_rw`):
-# the noise falls with M, the movement rises, and the two slopes separate them.
-
-
-TOO_SHORT = "This method needs a longer stretch of regular samples without gaps than this record has."
-
-_NOTHING = 1e-12
-"""A variance this much smaller than the other is a rounded 0."""
-_ALLAN_ROUNDS = 3
-_CORRELATED = 1.5
-"""Neighbouring octaves share samples: standard errors are widened by this."""
-
-
-def fit_by_allan(data: Differences) -> Pair:
-    """The pair from the Allan variance over octaves of M, weighted by their standard errors."""
-    gap = data.gap if len(data.gap) else np.ones(data.m)
-    length = gap.sum() + 1.0
-    if np.any(gap != np.rint(gap)) or np.any(gap < 1.0) or length > 20 * data.m + 1000:
-        text = "This method averages over M samples in a row: it needs regular sampling."
-        return Pair(0.0, 0.0, math.inf, math.inf, verdict="irregular", text=text)
-    row = np.zeros(int(length))
-    there = np.zeros(int(length), dtype=bool)
-    where = np.concatenate([[0], np.cumsum(gap).astype(np.int64)])
-    row[where], there[where] = np.concatenate([[0.0], np.cumsum(data.d)]), True
-    sizes, seen, degrees = allan_variances(row, there)
-    if len(sizes) < 2 or seen.max() == 0.0:  # or: all change lies across the gaps
-        return Pair(0.0, 0.0, math.inf, math.inf, verdict="too_few", text=TOO_SHORT)
-    design = np.stack([(2.0 * sizes**2 + 1.0) / (6.0 * sizes), 1.0 / sizes], axis=1)
-    spread = np.sqrt(2.0 / degrees)
-    least = 1e-6 * seen.max()  # the averages of an oscillation may be 0
-    expected = seen.clip(least)
-    pair = solve(design, seen, expected * spread)
-    for _ in range(_ALLAN_ROUNDS):
-        expected = (design @ [pair.q, pair.r]).clip(least)
-        pair = solve(design, seen, expected * spread)
-    return Pair(pair.q, pair.r, _CORRELATED * pair.q_se, _CORRELATED * pair.r_se)
-
-
-def solve(design: Array, seen: Array, errors: Array) -> Pair:
-    """Weighted least squares for q, r ≥ 0, with the standard errors that the weights imply."""
-    from scipy.optimize import nnls
-
-    weighted = design / errors[:, None]
-    q, r = nnls(weighted, seen / errors)[0]
-    covariance = np.linalg.pinv(weighted.T @ weighted)
-    q_se, r_se = np.sqrt(np.diag(covariance))
-    q, r = (float(q) if q > _NOTHING * r else 0.0), (float(r) if r > _NOTHING * q else 0.0)
-    return Pair(q, r, float(q_se), float(r_se))
 
 
 def allan_variances(
@@ -198,25 +126,3 @@ def allan_variances(
         points.append((float(size), 0.5 * float(np.mean(jumps**2)), max(len(jumps) / size, 1.0)))
     columns = np.array(points).reshape(-1, 3).T
     return columns[0], columns[1], columns[2]
-
-
-# The methods by their names, one way to call all of them.
-
-
-METHODS = {
-    "ml": "maximum likelihood",
-    "moments": "moments of the differences",
-    "allan": "Allan variance",
-}
-"""The methods of `estimate` with their names on screen."""
-
-QUICK = {"moments": fit_by_moments, "allan": fit_by_allan}
-"""The methods that use other properties of the record than its likelihood: from the record to a pair."""
-
-
-def fit_by_name(method: str, data: Differences, peak: Peak, progress: Progress) -> Pair:
-    """The pair that a method of METHODS finds; `peak` is that of the likelihood."""
-    if method == "ml":
-        return replace(fit_maximum_likelihood(data, peak), note=note_on_differences(data))
-    progress(0.0, method)
-    return QUICK[method](data)

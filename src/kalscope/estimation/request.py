@@ -37,7 +37,6 @@ from kalscope.estimation.fit import (
     estimate_fixed_ratio,
     params_for_specification,
 )
-from kalscope.estimation.methods import METHODS
 from kalscope.estimation.noise import is_even_ramp, noise_from_datasheet, noise_from_still, noise_scale
 from kalscope.estimation.result import Estimate
 from kalscope.estimation.settings import (
@@ -55,6 +54,9 @@ from kalscope.estimation.settings import (
 from kalscope.estimation.still import MIN_SAMPLES, find_still_stretch
 from kalscope.filtering.params import MAX_VARIANCE, FilterParams, one_record
 from kalscope.filtering.steady import ratio_for, steady_state
+
+BEST_FIT = "maximum likelihood"
+"""How the best fit was found, in the words of the tuning file."""
 
 TARGETS = ("lag_s", "lag_samples", "cutoff_hz", "noise_reduction_db", "gain")
 """What can fix λ, as `ratio_for` names it."""
@@ -124,8 +126,6 @@ class Noise:
 class Request:
     """What the user wants and knows; what is left is estimated."""
 
-    method: str = "ml"
-    """Method of `estimate`, used where neither a target nor the noise is given."""
     target: dict[str, float] = field(default_factory=dict[str, float])
     """At most one of TARGETS with its value, which fixes λ."""
     ratio: float | None = None
@@ -162,22 +162,20 @@ class Request:
                 ratio or known noise; an overshoot without a target or beside momentum.
         """
         targets = [*self.target, *([] if self.ratio is None else ["q/r"])]
-        if self.method not in METHODS:
-            raise BadSetting(f"method must be one of {', '.join(METHODS)} (got {self.method!r})")
         if len(targets) > 1:
             raise BadSetting(f"only one target for λ may be given (got {' and '.join(targets)})")
         if targets and targets[0] not in (*TARGETS, "q/r"):
             raise BadSetting(f"target must be one of {', '.join(TARGETS)} (got {targets[0]!r})")
         if self.ratio is not None:
             above_zero("q/r", self.ratio, MAX_VARIANCE)
-        tau = checked_momentum(self.momentum, self.method)
+        tau = checked_momentum(self.momentum)
         if self.overshoot is not None and (self.momentum != "auto" or not self.target):
             got = "none" if not self.target else f"momentum = {self.momentum}"
             raise BadSetting(
                 f"overshoot needs a target such as a lag, and no momentum, which follows from both (got {got})"
             )
-        if self.two_speeds and (targets or tau or self.noise != Noise() or self.method != "ml"):
-            raise BadSetting("two speeds are found with q and r: leave out a goal, the noise, momentum and method")
+        if self.two_speeds and (targets or tau or self.noise != Noise()):
+            raise BadSetting("two speeds are found with q and r: leave out a goal, the noise and momentum")
         if tau and not self.target and (self.ratio is not None or self.noise != Noise()):
             raise BadSetting(
                 'momentum must be "auto" or 0 with a ratio or known noise: it is estimated with q and r '
@@ -255,7 +253,7 @@ def find_parameters(
         )
         params, text = at_target(known[0] if known else 1.0, momentum=tau or 0.0), known[1] if known else ""
         if not known:
-            one = estimate(z, "ml", dt, Progress(progress, cancelled), robust=request.robust)
+            one = estimate(z, dt, Progress(progress, cancelled), robust=request.robust)
             if tau is None and request.overshoot is None:
                 params = _with_less_error(params, at_target, z, dt, one)
             params, text = _with_noise(params, z, dt, one)
@@ -305,17 +303,15 @@ def _fitted(
     progress: Callable[[float, str], None] | None,
     cancelled: Callable[[], bool] | None,
 ) -> FitResult:
-    """The estimate by the method asked for; a code for a missing reading is left out of it."""
-    code = code_in(z) if request.method == "ml" and request.robust == "auto" else None
+    """The estimate; a code for a missing reading is left out of it."""
+    code = code_in(z) if request.robust == "auto" else None
     coded, note = z == code, ""
     kept = z if code is None else np.where(coded, np.nan, z)
-    one = estimate(
-        kept, request.method, dt, progress, cancelled, request.momentum, request.robust, request.two_speeds
-    )
+    one = estimate(kept, dt, progress, cancelled, request.momentum, request.robust, request.two_speeds)
     if code is not None:
         one = replace(one, outliers=coded if one.outliers is None else one.outliers | coded)
         note = f"{code:.6g} came {count(int(coded.sum()))} times, far from the rest, and is left out of the fit."
-    return FitResult(one.params, METHODS[request.method], note, one, request)
+    return FitResult(one.params, BEST_FIT, note, one, request)
 
 
 def _answer(z: Array, dt: Array | None, period: float | None, begun: FitResult) -> FitResult:
@@ -329,7 +325,7 @@ def _answer(z: Array, dt: Array | None, period: float | None, begun: FitResult) 
     if pair is None and one.verdict == "too_many_outliers" and one.q > 0.0 and one.r > 0.0:
         pair = FilterParams(q=one.q, r=one.r, momentum=float(one.momentum))
     given = request.noise != Noise()
-    decided = given or request.method != "ml" or request.momentum != "auto" or request.two_speeds
+    decided = given or request.momentum != "auto" or request.two_speeds
     r = float(one.r) if one.r > 0.0 else noise_scale(z)
     if pair is not None and (decided or pair.gate is not None or noise_left(pair) < HARDLY):
         reason, params, text = "best_fit", pair, one.message

@@ -38,7 +38,7 @@ class Estimate(ShortRepr):
     """
 
     method: str = "ml"
-    """How it was found: "ml", "moments", "allan", "fixed_r" or "fixed_ratio"."""
+    """How it was found: "ml", "fixed_r" or "fixed_ratio"."""
     names: tuple[str, ...] = ()
     """The sensors of a fusion, in the order of the columns; () for one record."""
     q: float
@@ -51,12 +51,11 @@ class Estimate(ShortRepr):
     is the highest, at a smaller r."""
     verdict: str
     """"ok", "no_noise" (r → 0, of one sensor at least), "no_movement" (q → 0), "flat" (any λ explains the record),
-    "too_few", "constant", "bad_unit" (variances outside 1e-300 … 1e300), "irregular" (the method needs regular
-    sampling), "too_many_outliers" (over 20 % of the samples set aside), "below_resolution" (the
-    noise is smaller than the steps of the readings: r is Δ²/12) or "only_spikes" (no noise apart from spikes: r is
-    the largest that the record allows, and the gate does the work). Of several sensors also "shared_noise" (the
-    noises of two, or of all, are correlated: the fused value can be worse than predicted) and "copies" (two always
-    move exactly alike)."""
+    "too_few", "constant", "bad_unit" (variances outside 1e-300 … 1e300), "too_many_outliers" (over 20 % of the
+    samples set aside), "below_resolution" (the noise is smaller than the steps of the readings: r is Δ²/12) or
+    "only_spikes" (no noise apart from spikes: r is the largest that the record allows, and the gate does the work).
+    Of several sensors also "shared_noise" (the noises of two, or of all, are correlated: the fused value can be
+    worse than predicted) and "copies" (two always move exactly alike)."""
     message: str
     """What was found, what it means and what to do, for the user."""
     params: FilterParams | None
@@ -151,7 +150,7 @@ class Pair:
     r_se: float
     """Standard error of r, scale²; inf where unknown."""
     verdict: str = ""
-    """A verdict of the method itself: "irregular", "too_few"; "" = judge by the numbers."""
+    """Such as "bad_unit"; "" = judge by the numbers."""
     text: str = ""
     """The message, in place of the one for the verdict; "" = that one."""
     note: str = ""

@@ -278,22 +278,12 @@ FEW_MOVES = 1e-4
 _NOTHING_TO_JUDGE = ("too_few", "constant", "bad_unit")
 
 
-def checked_robust(robust: Any, known: bool = True) -> bool | None:
-    """True = always, False = never, None = where spikes are found.
-
-    Args:
-        robust: as `estimate` takes it.
-        known: whether the method has a spike-proof fit; "auto" is False where it has none.
-
-    Raises:
-        BadSetting: something else, or True for a method without such a fit.
-    """
+def checked_robust(robust: Any) -> bool | None:
+    """True = always, False = never, None = where spikes are found; BadSetting of what `estimate` does not take."""
     if isinstance(robust, str) and robust == "auto":
-        return None if known else False
+        return None
     if not isinstance(robust, bool):
         raise BadSetting(f'robust must be "auto", True or False (got {robust!r})')
-    if robust and not known:
-        raise BadSetting('robust must be "auto" or False with this method: only "ml" sets spikes aside (got True)')
     return robust
 
 

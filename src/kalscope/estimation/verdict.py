@@ -231,9 +231,9 @@ def lag_of(ratio: Any) -> Any:
 def _judge(pair: Pair, peak: Peak) -> tuple[str, str]:
     """The verdict, that of the method or by the numbers, and the words for it."""
     low, high = (exp(end) for end in peak.interval)
-    none, message = "", FLAT
+    verdict, message = "flat", FLAT
     if pair.r == 0.0:
-        verdict, none = "no_noise", "noise" if high < math.inf else ""
+        verdict = "no_noise"
         message = (
             "No noise can be identified at this sample rate: every change looks like real movement, and the most "
             "likely filter (r = 0) would pass the signal unchanged. Usual reasons: the sensor smooths or rounds "
@@ -241,10 +241,8 @@ def _judge(pair: Pair, peak: Peak) -> tuple[str, str]:
             f"The record allows gains from {number(gain_of(low), 2)} to {number(gain_of(high), 2)}. {INSTEAD}"
         )
     elif pair.q == 0.0:
-        verdict, none, message = "no_movement", "movement" if low > 0.0 else "", no_movement(lag_of(high))
-    elif peak.interval == (-math.inf, math.inf):
-        verdict = "flat"
-    else:
+        verdict, message = "no_movement", no_movement(lag_of(high))
+    elif peak.interval != (-math.inf, math.inf):
         steady = steady_state(FilterParams(q=pair.q / pair.r, r=1.0))
         verdict = "ok"
         message = (
@@ -255,12 +253,6 @@ def _judge(pair: Pair, peak: Peak) -> tuple[str, str]:
             message += " The record does not exclude r = 0: check r against a still stretch or the data sheet."
         elif low == 0.0:
             message += " The record does not exclude q = 0: record longer to be sure of q."
-    if none:
-        message = (
-            f"This method finds no {none} here, but that says more about the method than about the record: by the "
-            f"likelihood the record allows only q/r from {number(low)} to {number(high)}. "
-            "Use the maximum-likelihood pair."
-        )
     return pair.verdict or verdict, message
 
 
