@@ -18,7 +18,7 @@ from kalscope import ChannelTuning
 from kalscope.export.float32 import filter_float32
 from kalscope.export.job import ExportJob
 from kalscope.export.targets import arduino, c
-from kalscope.filtering.classic import Butterworth, Chain, Exponential, Median, MovingAverage, OneEuro
+from kalscope.filtering.classic import Butterworth, Chain, Exponential, Median, MovingAverage, Notch, OneEuro
 
 HERE = Path(__file__).parent
 WARNINGS = ("-Wall", "-Wextra", "-Wconversion", "-Wdouble-promotion", "-Wshadow", "-pedantic", "-Werror")
@@ -113,7 +113,8 @@ WITH_MOMENTUM = (*(replace(channel, momentum=20.0) for channel in CHANNELS), CHA
 CHAINS = (
     ChannelTuning("flex", "V", 0.3, 20.0, gate=9.0, momentum=20.0, chain=Chain(5)),
     ChannelTuning("tilt", "V", 1.0, 1.0, chain=Chain(3, OneEuro(0.004, 0.02, 0.05))),
-    ChannelTuning("hum", "V", 1.0, 1.0, chain=Chain(then=Butterworth(0.02))),
+    ChannelTuning("slow", "V", 1.0, 1.0, chain=Chain(then=Butterworth(0.02))),
+    ChannelTuning("hum", "V", 0.3, 20.0, chain=Chain(notch=Notch(0.2, 0.05))),
     ChannelTuning("mean", "V", 1.0, 1.0, chain=Chain(then=MovingAverage(25))),
     ChannelTuning("middle", "V", 1.0, 1.0, chain=Chain(3, Median(9))),
     ChannelTuning("smooth", "V", 1.0, 1.0, chain=Chain(5, Exponential(0.1))),

@@ -11,7 +11,7 @@ import pytest
 from scipy.signal import freqz
 
 from kalscope import BadSetting, FilterParams, steady_state
-from kalscope.classic import Butterworth, Chain, Exponential, Median, MovingAverage, OneEuro
+from kalscope.classic import Butterworth, Chain, Exponential, Median, MovingAverage, Notch, OneEuro
 from kalscope.filtering.classic import ChainFilter, RunningStage
 from kalscope.filtering.filter import GrowingRun
 
@@ -27,6 +27,7 @@ STAGES = (
     OneEuro(0.01, 0.3, 0.1),
 )
 CHAINS = (Chain(5), *(Chain(1, stage) for stage in STAGES), *(Chain(3, stage) for stage in STAGES[1::3]))
+CHAINS += Chain(notch=Notch(0.2, 0.05)), Chain(3, STAGES[0], Notch(0.03, 0.01))
 MOVING = FilterParams(0.1, 2.0, gate=9.0, momentum=4.0)
 
 
@@ -93,7 +94,7 @@ def mean_of(seen, window):
 @pytest.mark.slow
 def test_each_is_what_scipy_and_numpy_compute():
     from scipy.ndimage import median_filter
-    from scipy.signal import butter, lfilter, sosfilt
+    from scipy.signal import butter, iirnotch, lfilter, sosfilt
 
     z = walk()
 
@@ -106,7 +107,11 @@ def test_each_is_what_scipy_and_numpy_compute():
     def middle(window):
         return lambda seen: median_filter(seen, window, mode="nearest", origin=(window - 1) // 2)
 
-    cases = [(Butterworth(f), low_pass(f)) for f in (0.49, 0.1, 0.003)]
+    def notch(frequency, width):
+        return lambda seen: lfilter(*iirnotch(2 * frequency, frequency / width), seen - seen[0]) + seen[0]
+
+    cases = [(Notch(*of), notch(*of)) for of in ((0.01, 0.001), (0.2, 0.05), (0.49, 0.2))]
+    cases += [(Butterworth(f), low_pass(f)) for f in (0.49, 0.1, 0.003)]
     cases += [(Exponential(a), smoothing(a)) for a in (1.0, 0.4, 0.002)]
     cases += [(Median(n), middle(n)) for n in (1, 3, 9, 201)]
     cases += [(MovingAverage(n), lambda seen, n=n: mean_of(seen, n)) for n in (1, 2, 9, 500)]
@@ -216,7 +221,7 @@ def noise(n=20_000):
         (lambda: OneEuro(1.0, 1.0, 0.0), "speed_cutoff in cycles per sample must be a number from 1e-12 to 1e+09"),
         (lambda: OneEuro(1.0, 10**400, 1.0), "beta must be a number from 0 to 1e+300 (got 1000"),
         (lambda: Chain(2), "median must be an odd number of samples, such as 3 (got 2)"),
-        (Chain, "a chain must have a median of at least 3 samples, or a filter in place of Kalman's (got neither)"),
+        (Chain, "a chain must have a median of at least 3 samples, a notch, or a filter in place of Kalman's"),
         (lambda: Chain(3, "one-euro"), "then must be a classic filter, or None for the Kalman filter (got"),
     ],
 )  # fmt: skip

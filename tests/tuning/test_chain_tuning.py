@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from kalscope import BadFile, BadSetting, ChannelTuning, Tuning, load_tuning, save_tuning
-from kalscope.classic import Butterworth, Chain, Exponential, Median, MovingAverage, OneEuro
+from kalscope.classic import Butterworth, Chain, Exponential, Median, MovingAverage, Notch, OneEuro
 from kalscope.filtering.classic import ChainFilter
 from kalscope.tuning.choose import rescaled
 from kalscope.tuning.file import dumps, loads
@@ -23,6 +23,8 @@ CHAINS = (
     Chain(3, Median(9)),
     Chain(7, Butterworth(1 / 3)),
     Chain(5, OneEuro(0.02, 1e-7, 0.1)),
+    Chain(notch=Notch(0.2, 1 / 30)),
+    Chain(3, MovingAverage(9), Notch(0.2, 1 / 30)),
 )
 
 
@@ -38,12 +40,14 @@ def test_every_chain_comes_back_from_a_file_and_leaves_no_key_of_the_one_before(
         save_tuning(tuning, path)
         assert load_tuning(path) == loads(dumps(tuning)) == tuning
         assert path.read_text("utf-8").count(" = ") == dumps(tuning).count(" = ")
-        assert path.read_text("utf-8").splitlines()[1] == f"format = {1 if chain is None else 4}"
+        assert (
+            path.read_text("utf-8").splitlines()[1] == f"format = {1 if chain is None else 5 if chain.notch else 4}"
+        )
     assert "chain" not in path.read_text("utf-8")
 
 
 def test_a_chain_is_a_table_that_a_hand_can_write():
-    text = dumps(with_chain(CHAINS[-1]))
+    text = dumps(with_chain(Chain(5, OneEuro(0.02, 1e-7, 0.1))))
     assert (
         "\n[channel.chain]\n"
         "median = 5 # a median of this many samples comes first\n"
@@ -65,7 +69,7 @@ def test_a_chain_is_a_table_that_a_hand_can_write():
         ("moving-average", "'a': Object missing required field `window`"),
         ("median; window = 4", "window must be an odd number of samples, such as 5 (got 4)"),
         ("kalman; median = 100001", "median must be a whole number from 1 to 99999 (got 100001"),
-        ("kalman", "a chain must have a median of at least 3 samples, or a filter in place of Kalman's"),
+        ("kalman", "a chain must have a median of at least 3 samples, a notch, or a filter in place of Kalman's"),
         ("exponential; alpha = 0", "alpha must be a number from 9.31e-10 to 1 (got 0.0)"),
         ("butterworth; cutoff = 0.5", "cutoff in cycles per sample must be a number from 1e-06 to 0.499 (got 0.5)"),
         ("one-euro; cutoff = 1; beta = -1; speed_cutoff = 1", "beta must be a number from 0 to 1e+300 (got -1"),
@@ -96,6 +100,7 @@ def test_at_another_period_cut_offs_stay_in_hertz_and_windows_in_seconds():
         (2.0, Chain(1, Butterworth(0.1)), Chain(1, Butterworth(0.2))),
         (2.0, Chain(1, OneEuro(0.1, 3.0, 0.2)), Chain(1, OneEuro(0.2, 3.0, 0.4))),
         (8.0, Chain(5), None),
+        (2.0, Chain(5, notch=Notch(0.1, 0.01)), Chain(3, notch=Notch(0.2, 0.02))),
         (1.0, Chain(5, Exponential(0.3)), Chain(5, Exponential(0.3))),
     )
     for ratio, before, after in cases:

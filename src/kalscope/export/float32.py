@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from kalscope.common.compiled import compiled
 from kalscope.common.text import number
 from kalscope.errors import BadSetting
-from kalscope.filtering.classic import Median, RunningStage, RunningStages
+from kalscope.filtering.classic import Median, RunningStages
 from kalscope.filtering.kernels import GATE_LIMIT
 from kalscope.filtering.params import FilterParams, require_params
 from kalscope.filtering.steady import step_constants
@@ -141,7 +141,9 @@ def filter_float32(z: ArrayLike, params: FilterParams | Float32Params | ChannelT
         BadSetting: z has another shape; float32 cannot hold a parameter.
     """
     samples: Floats = np.ascontiguousarray(z, dtype=np.float32)
+    notch = None
     if isinstance(params, ChannelTuning):
+        notch = params.chain and params.chain.notch
         kalman = float32_tuning(params)
         if params.chain is not None and kalman is None:
             return RunningStages(params.chain.stages, np.float32).take(samples, np.empty(0))
@@ -149,9 +151,9 @@ def filter_float32(z: ArrayLike, params: FilterParams | Float32Params | ChannelT
     held = params if isinstance(params, Float32Params) else float32_params(params)
     if samples.ndim != 1 + np.ndim(held.r) or samples.shape[1:] != np.shape(held.r):
         raise BadSetting(f"z must have shape {('n', *np.shape(held.r))} (got {samples.shape})")
-    if held.median > 1:
-        middle = RunningStage(Median(held.median), np.float32).take(samples, samples[:0])
-        samples = np.where(np.isnan(samples), samples, middle)
+    first = (*((Median(held.median),) if held.median > 1 else ()), *((notch,) if notch else ()))
+    if first:
+        samples = np.where(np.isnan(samples), samples, RunningStages(first, np.float32).take(samples, samples[:0]))
     if held.offset is not None and held.gain is not None:
         samples = (samples - held.offset) / held.gain  # as the board does, a rounding each
     if held.fast is not None:

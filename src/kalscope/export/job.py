@@ -110,6 +110,9 @@ class ExportJob:
             "chain": self.has_kinds,
             "two_speeds": self.has_two_speeds,
             "median": self.has_median,
+            "notch": any(
+                channel.chain is not None and channel.chain.notch is not None for channel in self.channels
+            ),
             "kalman": self.has_kalman,
             "classic": not self.has_kalman,
             "gains": self.fusion.has_gains,
@@ -218,7 +221,8 @@ def about_channel(job: ExportJob, channel: ChannelTuning) -> tuple[str, ...]:
     settled = f"gain K = {steady.gain:.6g}, lag behind a ramp {time(float(steady.lag_samples))}"
     if channel.momentum > 0.0 and not sensors:
         settled += f", velocity gain L = {steady.velocity_gain:.6g}, overshoot {100.0 * steady.overshoot:.3g} %"
-    when = ", while all sensors answer" if sensors else "" if chain is None else ", without the median"
+    before = "" if chain is None else " and the ".join(stage.name.lower() for stage in chain.first)
+    when = ", while all sensors answer" if sensors else f", without the {before}" if before else ""
     square = ascii_squared(channel.unit) or "the square of its unit"
     tau = f"  momentum tau = {time(channel.momentum)}: how long the signal keeps its direction"
     lines = (

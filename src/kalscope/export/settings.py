@@ -241,7 +241,7 @@ def matched(tuning: Tuning, row: Setting, recording: Recording | None = None) ->
 
 def _matched(one: ChannelTuning, row: Setting, tuning: Tuning, recording: Recording | None) -> ChannelTuning:
     chain, name = one.chain, comment_text(one.name)
-    if chain is not None and (chain.median > 1 or row.kind is None):
+    if chain is not None and (chain.first or row.kind is None):
         raise BadSetting(f"the filter of {name} must be one alone for {row.title} (got {chain.words})")
     if row.kind is None:
         return one

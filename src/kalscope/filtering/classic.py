@@ -52,6 +52,10 @@ MIN_ALPHA = 2.0**-30
 """Smallest share of each step accepted: a time constant of a billion samples."""
 MIN_CUTOFF, MAX_CUTOFF = 1e-6, 0.499
 """Cut-offs of the Butterworth filter, cycles per sample."""
+MIN_NOTCH, MAX_NOTCH = 0.005, 0.495
+"""Frequencies of a notch, cycles per sample."""
+MIN_WIDTH, MAX_WIDTH = 1e-4, 0.2
+"""Widths of a notch, cycles per sample."""
 MIN_EURO_CUTOFF, MAX_EURO_CUTOFF = 1e-12, 1e9
 """Cut-offs of the one-euro filter, cycles per sample; it may pass everything."""
 MAX_BETA = 1e300
@@ -253,39 +257,89 @@ class OneEuro(_Stage):
         return max(1, math.ceil(-math.log(SETTLED) / math.log1p(4.0 * math.pi * self.cutoff)))
 
 
+@dataclass(frozen=True)
+class Notch(_Stage):
+    """Second-order filter that takes one frequency out and passes all others, settled at the first sample."""
+
+    frequency: float
+    """What is taken out, cycles per sample, 0.005 … 0.495."""
+    width: float
+    """Between the two frequencies whose power is halved, cycles per sample, 1e-4 … 0.2."""
+    name: ClassVar[str] = "Notch"
+    _setting: ClassVar[str] = "at {0.frequency:.4g}, width {0.width:.2g}"
+    memory: ClassVar[int] = 4
+    """Numbers that it remembers: output, level, two sums."""
+
+    def __post_init__(self) -> None:
+        for name, least, most in (("frequency", MIN_NOTCH, MAX_NOTCH), ("width", MIN_WIDTH, MAX_WIDTH)):
+            checked = in_range(f"{name} of a notch in cycles per sample", getattr(self, name), least, most)
+            object.__setattr__(self, name, checked)
+
+    @property
+    def constants(self) -> tuple[float, float, float]:
+        """What its loop needs to know, those of `scipy.signal.iirnotch`: b = (g, t, g), a = (1, t, 2g − 1)."""
+        gain = self.noise_gain
+        return gain, -2.0 * gain * math.cos(2.0 * math.pi * self.frequency), 2.0 * gain - 1.0
+
+    @property
+    def noise_gain(self) -> float:
+        """Share of the variance of white noise that is left: Σh² of (1 + A)/2, A an all-pass that begins 2g − 1."""
+        return 1.0 / (1.0 + math.tan(math.pi * self.width))
+
+    @property
+    def lag(self) -> float:
+        """Lag in samples: the delay at frequency 0."""
+        gain = self.noise_gain
+        return (1.0 - gain) / (gain * (1.0 - math.cos(2.0 * math.pi * self.frequency)))
+
+    @property
+    def start_samples(self) -> int:
+        """Samples until 1 % of the start is left: its poles decay by √(2g − 1), or by less where they are real."""
+        decay = self.constants[2]
+        return math.ceil(2.0 * math.log(SETTLED) / math.log(decay)) if 0.0 < decay < 1.0 else 2
+
+
 Stage = MovingAverage | Exponential | Median | Butterworth | OneEuro
 
 
-# A chain of two filters: a median, and what follows it.
+# A chain: a median, a notch, and what follows them.
 
 
 @dataclass(frozen=True)
 class Chain:
-    """A median, then a classic filter or the channel's own Kalman filter.
+    """A median, a notch, then a classic filter or the channel's own Kalman filter.
 
     Raises:
-        BadSetting: The median is not an odd number of samples; or there is neither a median nor a classic filter:
-            then there is no chain, and the Kalman filter runs alone.
+        BadSetting: The median is not an odd number of samples; or there is neither a median, a notch nor a classic
+            filter: then there is no chain, and the Kalman filter runs alone.
     """
 
     median: int = 1
     """Window of the median in samples, an odd number; 1 = none."""
     then: Stage | None = None
-    """The filter behind it; None = the Kalman filter of the channel's q, r, p0, x0, gate and momentum."""
+    """The filter behind them; None = the Kalman filter of the channel's q, r, p0, x0, gate and momentum."""
+    notch: Notch | None = None
+    """The notch behind the median, which no spike makes ring; None = none."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "median", odd_window("median", self.median))
         if self.then is not None and type(self.then) not in get_args(Stage):
             raise BadSetting(f"then must be a classic filter, or None for the Kalman filter (got {self.then!r})")
-        if self.median == 1 and self.then is None:
-            must = "a chain must have a median of at least 3 samples, or a filter in place of Kalman's"
+        if self.notch is not None and type(self.notch) is not Notch:
+            raise BadSetting(f"notch must be a Notch, or None (got {self.notch!r})")
+        if self.median == 1 and self.notch is None and self.then is None:
+            must = "a chain must have a median of at least 3 samples, a notch, or a filter in place of Kalman's"
             raise BadSetting(f"{must} (got neither)")
 
     @property
-    def stages(self) -> tuple[Stage, ...]:
+    def first(self) -> tuple[Median | Notch, ...]:
+        """What runs before `then`."""
+        return (*((Median(self.median),) if self.median > 1 else ()), *((self.notch,) if self.notch else ()))
+
+    @property
+    def stages(self) -> tuple[Stage | Notch, ...]:
         """The classic filters, in order; where `then` is None the Kalman filter follows them."""
-        first = (Median(self.median),) if self.median > 1 else ()
-        return first if self.then is None else (*first, self.then)
+        return self.first if self.then is None else (*self.first, self.then)
 
     @property
     def words(self) -> str:
@@ -293,7 +347,9 @@ class Chain:
         last = "Kalman"
         if self.then is not None:
             last = f"{self.then.name[:1].lower()}{self.then.name[1:]} ({self.then.words})"
-        return last if self.median == 1 else f"median of {self.median}, then {last}"
+        first = [f"median of {self.median}"] if self.median > 1 else []
+        first += [f"notch ({self.notch.words})"] if self.notch else []
+        return ", then ".join((*first, last))
 
 
 # A classic filter with its state: what a record, a stream and the float32 of a board all run.
@@ -307,19 +363,21 @@ LONG_WINDOW = 75
 MANY_MOVES = 5e7
 """Samples times window from which on that is worth importing scipy."""
 
-_LOOPS: dict[type[Stage], Callable[[Floats, Floats, Floats, Floats, classic_kernels.Counters, Floats], None]] = {
+_Loop = Callable[[Floats, Floats, Floats, Floats, classic_kernels.Counters, Floats], None]
+_LOOPS: dict[type[Stage | Notch], _Loop] = {
     MovingAverage: classic_kernels.moving_average,
     Exponential: classic_kernels.exponential,
     Median: classic_kernels.median,
     Butterworth: classic_kernels.butterworth,
     OneEuro: classic_kernels.one_euro,
+    Notch: classic_kernels.notch,
 }
 
 
 class RunningStage:
     """One classic filter over one channel, from its start on; bit for bit the same in pieces and in one go."""
 
-    def __init__(self, stage: Stage, kind: type[np.float64 | np.float32] = np.float64) -> None:
+    def __init__(self, stage: Stage | Notch, kind: type[np.float64 | np.float32] = np.float64) -> None:
         """Args: the filter, and the type to compute in: float32 as a board does."""
         self._loop, self._kind = _LOOPS[type(stage)], kind
         self._constants = np.array(stage.constants, dtype=kind)
@@ -365,7 +423,7 @@ class RunningStage:
 class RunningStages:
     """Classic filters in a row over one channel; a missing sample is missing for all of them."""
 
-    def __init__(self, stages: tuple[Stage, ...], kind: type[np.float64 | np.float32] = np.float64) -> None:
+    def __init__(self, stages: tuple[Stage | Notch, ...], kind: type[np.float64 | np.float32] = np.float64) -> None:
         self._each = [RunningStage(stage, kind) for stage in stages]
 
     def take(self, z: Floats, dt: Floats) -> Floats:
@@ -561,15 +619,15 @@ def chain_response(chain: Chain, params: FilterParams, record: tuple[Array, Arra
         record: (z, x): the samples, which give the bench its noise, and a filtered curve of them, which gives its
             speed, shape (n,) each.
     """
-    then, late = chain.then, 0.5 * (chain.median - 1)
+    then, late = chain.then, 0.5 * (chain.median - 1) + (chain.notch.lag if chain.notch else 0.0)
     last = last_response(then, params)
-    if chain.median == 1 and not isinstance(then, Median | OneEuro):
+    if not chain.first and not isinstance(then, Median | OneEuro):
         return last
     z, x = (values[-MAX_SAMPLES:] for values in record)
     lag, slow = last.lag_samples + late, max(MIN_SLOW, WINDOWS_OF_SLOW * chain.median)
     if last.lag_samples > slow:  # no ramp would be long enough
         probe = Exponential(1.0 / (1.0 + slow))
-        gain = bench_of(z, x, slow).noise_gain(_run(Chain(chain.median, probe), params))
+        gain = bench_of(z, x, slow).noise_gain(_run(replace(chain, then=probe), params))
         noise = last.noise_reduction_db - 10.0 * math.log10(gain / probe.noise_gain)
     else:
         guess = last.settle_samples / -math.log(SETTLED) + late
@@ -626,10 +684,11 @@ def rescaled_chain(chain: Chain, ratio: float) -> Chain | None:
     Raises:
         BadSetting: A window or a cut-off leaves its range.
     """
-    median = _odd(chain.median, ratio)
-    if median == 1 and chain.then is None:
+    median, notch = _odd(chain.median, ratio), chain.notch
+    notch = None if notch is None else Notch(notch.frequency * ratio, notch.width * ratio)
+    if median == 1 and notch is None and chain.then is None:
         return None
-    return Chain(median, None if chain.then is None else _rescaled(chain.then, ratio))
+    return Chain(median, None if chain.then is None else _rescaled(chain.then, ratio), notch)
 
 
 def _rescaled(stage: Stage, ratio: float) -> Stage:

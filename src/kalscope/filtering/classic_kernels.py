@@ -137,6 +137,26 @@ def one_euro(z: Floats, dt: Floats, k: Floats, s: Floats, at: Counters, out: Flo
 
 
 @compiled()
+def notch(z: Floats, dt: Floats, k: Floats, s: Floats, at: Counters, out: Floats) -> None:
+    """Second-order notch, settled at the first sample; k from `Notch.constants`, s = (output, level, two sums).
+
+    Transposed direct form II (Oppenheim & Schafer, "Discrete-Time Signal Processing", section 6.3.4) of what is
+    above the first sample, of which float32 keeps more digits than of a large level.
+    """
+    gain, turn, decay = k
+    for i in range(z.shape[0]):
+        if not math.isnan(z[i]):
+            if math.isnan(s[0]):
+                s[1] = z[i]
+            above = z[i] - s[1]
+            passed = gain * above + s[2]
+            s[2] = turn * (above - passed) + s[3]
+            s[3] = gain * above - decay * passed
+            s[0] = s[1] + passed
+        out[i] = s[0]
+
+
+@compiled()
 def butterworth(z: Floats, dt: Floats, k: Floats, s: Floats, at: Counters, out: Floats) -> None:
     """Second-order low-pass, settled at the first sample, as a state-variable filter of two integrators.
 

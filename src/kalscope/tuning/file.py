@@ -145,16 +145,13 @@ def loads(text: str) -> Tuning:
 def _plain(tuning: Tuning) -> dict[str, Any]:
     """The tuning as the tables of the file."""
     is_basic = tuning.fusion is None and not (tuning.has_momentum or tuning.has_chain)
+    is_newest = tuning.has_two_speeds or any(one.chain is not None and one.chain.notch for one in tuning.channels)
     fusion = None
     if tuning.fusion is not None:
         columns = (getattr(tuning.fusion, name) for name in ("sensors", "r", "offset", "gain"))
         fusion = _Fusion(**_values(tuning.fusion), sensors=[_Sensor(*row) for row in zip(*columns, strict=True)])
     file = _File(
-        format=5
-        if tuning.has_two_speeds
-        else 1
-        if is_basic
-        else 4,  # older programs read a basic file, and refuse any other
+        format=5 if is_newest else 1 if is_basic else 4,  # older programs read a basic file, and refuse any other
         tool=tuning.tool,
         date=tuning.date,
         selected=tuning.selected,

@@ -10,7 +10,7 @@ import os
 import re
 import tomllib
 from collections.abc import Mapping, MutableMapping
-from dataclasses import fields
+from dataclasses import asdict, fields
 from typing import TYPE_CHECKING, Any, cast
 
 import msgspec
@@ -58,6 +58,8 @@ _COMMENTS = {
     "spikes": "with two speeds, the probability that a reading is a spike",
     "median": "a median of this many samples comes first",
     "filter": 'what filters then; "kalman" = q, r, ... above',
+    "frequency": "what a notch before it takes out, cycles per sample",
+    "width": "between the frequencies whose power it halves, cycles per sample",
     "window": "samples",
     "alpha": "share of each step that is taken",
     "cutoff": "cycles per sample",
@@ -220,7 +222,9 @@ def plain_chain(chain: classic.Chain | None) -> dict[str, Any] | None:
     then = chain.then
     settings = {} if then is None else {one.name: getattr(then, one.name) for one in fields(then)}
     name = KALMAN if then is None else names[type(then)]
-    return {"median": chain.median if chain.median > 1 else None, "filter": name, **_SETTINGS, **settings}
+    notch = None if chain.notch is None else asdict(chain.notch)
+    median = chain.median if chain.median > 1 else None
+    return {"median": median, "filter": name, **_SETTINGS, **settings, "notch": notch}
 
 
 def chain_in(table: dict[str, Any]) -> classic.Chain:
@@ -231,11 +235,12 @@ def chain_in(table: dict[str, Any]) -> classic.Chain:
         msgspec.ValidationError: A number is missing or something else.
     """
     name, median = msgspec.convert(table.get("filter"), str), msgspec.convert(table.get("median", 1), int)
+    notch = msgspec.convert(table.get("notch"), classic.Notch | None)
     if name == KALMAN:
-        return classic.Chain(median)
+        return classic.Chain(median, None, notch)
     if name == "power-of-two":  # the name and setting of α = 2^-shift in older files
-        return classic.Chain(median, classic.Exponential(2.0 ** -msgspec.convert(table.get("shift"), int)))
+        return classic.Chain(median, classic.Exponential(2.0 ** -msgspec.convert(table.get("shift"), int)), notch)
     if name not in STAGES:
         known = ", ".join(f'"{one}"' for one in STAGES)
         raise BadSetting(f'filter of the chain must be {known} or "{KALMAN}" (got {shown(name)})')
-    return classic.Chain(median, msgspec.convert(table, STAGES[name]))
+    return classic.Chain(median, msgspec.convert(table, STAGES[name]), notch)

@@ -12,14 +12,14 @@ import numpy as np
 from kalscope.common.numbers import Array, above_zero
 from kalscope.common.text import duration, program, typed_number
 from kalscope.errors import BadSetting
-from kalscope.filtering.classic import Chain, ChainFilter, Median, Stage, rescaled_chain
+from kalscope.filtering.classic import Chain, ChainFilter, Median, Notch, Stage, rescaled_chain
 from kalscope.filtering.filter import Filter, StandardFilter
 from kalscope.filtering.params import MAX_VARIANCE, FilterParams
 from kalscope.papers.generalized import GeneralizedParams
 from kalscope.tuning.toml_text import KALMAN, STAGES, shown
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable
+    from collections.abc import Callable, Iterable, Mapping
 
     from kalscope.recording import Recording
 
@@ -32,6 +32,8 @@ if TYPE_CHECKING:
 
 EXAMPLE = "median 5, one-euro 0.02 0.7 0.1"
 """A chain of two."""
+FIRST: dict[str, type[Median | Notch]] = {"median": Median, "notch": Notch}
+"""What may run before another filter, in this order."""
 
 
 def typed_chain(text: str) -> Chain | None:
@@ -41,36 +43,37 @@ def typed_chain(text: str) -> Chain | None:
         BadSetting: it is not such a line, or the filter cannot have these numbers.
     """
     parts = [part.split() for part in text.lower().split(",")]
-    if len(parts) > 2 or not all(parts):
-        raise BadSetting(f'a chain must be a filter, or a median and a filter: "{EXAMPLE}" (got {text[:60]!r})')
-    then = None if parts[-1] == [KALMAN] else _stage(parts[-1])
-    first = _stage(parts[0]) if len(parts) == 2 else Median(1)
-    if not isinstance(first, Median):
-        raise BadSetting(f'the first filter of two must be a median: "{EXAMPLE}" (got {text[:60]!r})')
-    return None if first.window == 1 and then is None else Chain(first.window, then)
+    before = [part[0] for part in parts[:-1] if part]
+    if not all(parts) or before != [name for name in FIRST if name in before]:
+        must = "a chain must be a filter, after a median, a notch or both"
+        raise BadSetting(f'{must}: "{EXAMPLE}" or "notch 0.2 0.01, kalman" (got {text[:60]!r})')
+    then = None if parts[-1] == [KALMAN] else _stage(parts[-1], STAGES)
+    first: dict[str, Any] = {part[0]: _stage(part, FIRST) for part in parts[:-1]}
+    median, notch = first.get("median", Median(1)).window, first.get("notch")
+    return None if median == 1 and notch is None and then is None else Chain(median, then, notch)
 
 
 def chain_text(chain: Chain | None) -> str:
     """The line for a chain; `typed_chain` returns the same chain for it, to the last bit."""
     if chain is None:
         return KALMAN
-    last = KALMAN if chain.then is None else _text(chain.then)
-    return last if chain.median == 1 else f"median {chain.median}, {last}"
+    texts = list(map(_text, chain.stages))
+    return ", ".join(texts if chain.then else (*texts, KALMAN))
 
 
-def _stage(words: list[str]) -> Stage:
+def _stage(words: list[str], kinds: Mapping[str, type[Stage | Notch]]) -> Any:
     name, *numbers = words
-    if name not in STAGES:
-        raise BadSetting(f"a filter of a chain must be one of {', '.join(STAGES)}, {KALMAN} (got {name[:40]!r})")
-    wanted = [one.name for one in fields(STAGES[name])]
+    if name not in kinds:
+        raise BadSetting(f"a filter of a chain must be one of {', '.join(kinds)}, {KALMAN} (got {name[:40]!r})")
+    wanted = [one.name for one in fields(kinds[name])]
     if len(numbers) != len(wanted):
         raise BadSetting(f"{name} must have {len(wanted)} numbers, {', '.join(wanted)} (got {len(numbers)})")
     values: list[Any] = [typed_number(f"{key} of {name}", text) for key, text in zip(wanted, numbers, strict=True)]
-    return STAGES[name](*values)
+    return kinds[name](*values)
 
 
-def _text(stage: Stage) -> str:
-    name = next(name for name, kind in STAGES.items() if isinstance(stage, kind))
+def _text(stage: Stage | Notch) -> str:
+    name = next(name for name, kind in (FIRST | STAGES).items() if isinstance(stage, kind))
     return " ".join((name, *map(repr, astuple(stage))))
 
 

@@ -17,7 +17,7 @@ from kalscope.export.float32 import filter_float32, without_momentum
 from kalscope.export.job import ExportJob
 from kalscope.export.targets import arduino, c
 from kalscope.export.targets.c import numbers_of
-from kalscope.filtering.classic import Butterworth, Chain, Exponential, Median, MovingAverage, OneEuro
+from kalscope.filtering.classic import Butterworth, Chain, Exponential, Median, MovingAverage, Notch, OneEuro
 from kalscope.filtering.kernels import transition
 from kalscope.tuning.toml_text import chain_in
 
@@ -51,8 +51,10 @@ CHANNELS = (
         for n in (1, 5)
         for i, stage in enumerate(STAGES)
     ),
+    *(replace(one, name=f"{one.name} behind a notch", chain=Chain(notch=Notch(0.2, 0.05))) for one in KALMAN[:3]),
+    ChannelTuning("all three", "V", 0.5, 2.0, chain=Chain(5, Exponential(0.1), Notch(0.05, 0.01))),
 )
-"""Every filter, alone and behind a median; beside a classic one values of a Kalman filter that must not matter."""
+"""Every filter, alone and behind a median or a notch; the values of Kalman beside a classic one must not matter."""
 
 
 def signal(dtype=np.float64):

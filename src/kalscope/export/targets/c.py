@@ -23,7 +23,7 @@ from kalscope.export.job import (
     start_of,
 )
 from kalscope.export.names import number_text
-from kalscope.filtering.classic import Butterworth, Exponential, Median, MovingAverage, OneEuro, Stage
+from kalscope.filtering.classic import Butterworth, Exponential, Median, MovingAverage, Notch, OneEuro, Stage
 from kalscope.filtering.kernels import GATE_LIMIT
 from kalscope.filtering.steady import step_constants
 from kalscope.filtering.two_speeds import LASTING, NEVER, SHARE, SPIKE
@@ -87,12 +87,13 @@ def _constant(job: ExportJob, name: str, one: ChannelTuning) -> str:
 # The filters of an export, piece by piece, for C and C++.
 
 
-_PIECES: dict[type[Stage], tuple[str, tuple[str, ...]]] = {
+_PIECES: dict[type[Stage | Notch], tuple[str, tuple[str, ...]]] = {
     MovingAverage: ("moving_average", ("window",)),
     Exponential: ("exponential", ("alpha",)),
     Median: ("median", ("window",)),
     Butterworth: ("butterworth", ("to_slope", "decay", "to_level")),
     OneEuro: ("one_euro", ("slowest", "growth", "of_speed")),
+    Notch: ("notch", ("gain", "turn", "decay")),
 }
 """Each filter's piece of code, and the numbers of its tuning."""
 
@@ -105,7 +106,7 @@ def piece_of(channel: ChannelTuning) -> str:
     return "kalman" if stage is None else _PIECES[type(stage)][0]
 
 
-def numbers_of(stage: Stage) -> dict[str, int | float]:
+def numbers_of(stage: Stage | Notch) -> dict[str, int | float]:
     """What a classic filter computes with, by the names that its code has for it."""
     if isinstance(stage, MovingAverage | Median):
         return {"window": stage.window}
@@ -133,7 +134,7 @@ def code_in_c(job: ExportJob, linkage: str = "") -> dict[str, str]:
     used, prefix, update = used_pieces(job), "kalscope_", "static kalscope_real kalscope_kalman"
     if not job.has_kinds:
         prefix, update = "", f"{linkage}kalscope_real kalscope_update"
-    first = ("first_median",) if job.has_median else ()
+    first = tuple(f"first_{name}" for name in ("median", "notch") if name in job.marks)
     middle = ("middle",) if job.has_median or "median" in used else ()
     windows = {name: str(n) for name, n in windows_of(job).items()} | two_speeds_of(lambda value: f"{value:.17g}")
     parts = [
@@ -192,8 +193,11 @@ def tuning_values(job: ExportJob, one: ChannelTuning, number: Callable[[float], 
     values = _kalman_values(job, one, number) if runs_kalman(one) else {"x0": number(math.nan)}
     if not job.has_kinds:
         return values
-    median, last = (1, None) if one.chain is None else (one.chain.median, one.chain.then)
+    chain = one.chain
+    median, last, notch = (1, None, None) if chain is None else (chain.median, chain.then, chain.notch)
     values |= {"filter": f"KALSCOPE_{piece_of(one).upper()}", "median": str(median)}
+    if notch is not None:
+        values |= {f"notch_{name}": number(value) for name, value in numbers_of(notch).items()}
     if last is not None:
         values |= {name: str(n) if isinstance(n, int) else number(n) for name, n in numbers_of(last).items()}
     fields = code_in_c(job)["types"].partition("} kalscope_tuning;")[0]

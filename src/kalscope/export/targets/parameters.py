@@ -72,8 +72,10 @@ def _kalman(job: ExportJob, one: ChannelTuning) -> dict[str, Any]:
 
 
 def _chain(chain: Chain) -> dict[str, Any]:
-    """The window of the median, 1 for none, then the filter, its settings, and what it computes with."""
+    """The window of the median, 1 for none, a notch, the filter, their settings, and what they compute with."""
     known = {name: value for name, value in (plain_chain(chain) or {}).items() if value is not None}
+    if chain.notch is not None:
+        known["notch"] |= numbers_of(chain.notch)
     return {"words": chain.words, "median": 1, **known, **({} if chain.then is None else numbers_of(chain.then))}
 
 

@@ -17,6 +17,7 @@ from kalscope.export.job import (
 )
 from kalscope.export.names import number_text
 from kalscope.export.targets.c import numbers_of, piece_of, two_speeds_of, used_pieces
+from kalscope.filtering.classic import Notch, Stage
 from kalscope.tuning.tuning import ChannelTuning
 
 Values = Mapping[str, float | tuple[float, ...] | None]
@@ -84,8 +85,8 @@ def python_files(job: ExportJob) -> dict[str, str]:
     A hostile name could form an encoding line: the first two lines, where Python looks for one, are constant.
     """
     sections, used = fill_sections("stages.py.txt", job.marks, **two_speeds_of(repr)), used_pieces(job)
-    if job.has_median:
-        used = (*dict.fromkeys((*used, "median")), "chain")
+    if first := [name for name in ("median", "notch") if name in job.marks]:
+        used = (*dict.fromkeys((*used, *first)), "chain")
     return _script(
         job,
         "py",
@@ -104,9 +105,14 @@ def _in_python(channel: ChannelTuning) -> str:
         kind = "KalmanFilter" if channel.fast is None else "TwoSpeeds"
         last = f"{kind}({', '.join(_given(start_of(channel) | step_of(channel), '='))})"
     else:
-        numbers = ", ".join(f"{name}={value!r}" for name, value in numbers_of(chain.then).items())
-        last = f"{piece_of(channel).title().replace('_', '')}({numbers})"
-    return last if chain is None or chain.median == 1 else f"Chain(Median({chain.median}), {last})"
+        last = f"{piece_of(channel).title().replace('_', '')}({_numbers(chain.then)})"
+    for stage in reversed(() if chain is None else chain.first):
+        last = f"Chain({stage.name}({_numbers(stage)}), {last})"
+    return last
+
+
+def _numbers(stage: Stage | Notch) -> str:
+    return ", ".join(f"{name}={value!r}" for name, value in numbers_of(stage).items())
 
 
 def javascript_files(job: ExportJob) -> dict[str, str]:
