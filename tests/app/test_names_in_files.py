@@ -13,19 +13,14 @@ import numpy as np
 import pytest
 from hostile_names import NAMES
 
-from kalscope import ChannelTuning, Recording, Tuning, load_tuning, read_recording, save_tuning
+from kalscope import ChannelTuning, Recording, Tuning, load_tuning, save_tuning
 from kalscope.common.text import CONTROL
-from kalscope.export.csv import csv_header
 from kalscope.recording import LineIssue
-from kalscope.sources.grammar.line_format import LineFormat
-from kalscope.sources.reading.columns import Column
-from kalscope.sources.reading.sniffer import Layout
-from kalscope.sources.recorder import header_line, preamble, rejects_lines
+from kalscope.sources.recorder import preamble, rejects_lines
 from kalscope_app.program.log import Lines
 from kalscope_app.session.changes import share_line
 from kalscope_app.session.opening import opened
 
-FORMULA = ("=", "+", "-", "@", "\t", "\r")
 VALUES = np.cumsum(np.random.default_rng(3).normal(size=(60, 1)), axis=0)
 
 
@@ -43,35 +38,14 @@ def test_a_tuning_file_gives_the_names_back(tmp_path):
         assert not CONTROL.search(text)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
-def test_a_filtered_csv_has_its_columns_and_no_formula(tmp_path, name):
-    header = csv_header([name, "b", name])
-    (cells,) = csv.reader(io.StringIO(header))
-    assert len(cells) == len(set(cells)) == 10
-    assert not any(cell.startswith(FORMULA) for cell in cells)
-    assert header.count("\n") == 1
-    assert not CONTROL.search(header)
-    path = tmp_path / "out.csv"
-    rows = "".join(",".join([f"{i / 100}", *(f"{(3 * i + k) % 7}.5" for k in range(9))]) + "\n" for i in range(30))
-    path.write_text(header + rows, "utf-8", errors="replace")
-    assert read_recording(path).values.shape == (30, 9)
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_a_recording_of_a_board_has_its_columns_and_no_formula(name):
-    columns = (Column(name, name), Column(name))
-    header = header_line(Layout(LineFormat(), columns, None, 1, frozenset(), (), ()))
-    (cells,) = csv.reader(io.StringIO(header))
-    assert len(cells) == len(set(cells)) == 3
+def test_what_a_recording_says_of_its_board_is_plain_text_in_its_columns(name):
     rejects = rejects_lines(1.5, 7, name, [LineIssue(7, f"must be {name}", name, name)])
     (said,) = csv.reader(io.StringIO(rejects))
     assert len(said) == 5
     above = preamble(name, 0.0)
     assert all(line.startswith("#") for line in above.splitlines())
-    for text in (header, rejects, above):
-        assert not CONTROL.search(text)
-    assert not any(cell.startswith(FORMULA) for cell in cells)
+    assert not CONTROL.search(rejects + above)
 
 
 def test_a_line_to_be_typed_is_one_word_each_for_a_shell(tmp_path):
