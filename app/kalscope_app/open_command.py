@@ -118,12 +118,7 @@ def open_dashboard(
 
 
 def serve(
-    state: State,
-    start_server: Callable[..., GuardedServer],
-    log: Path | None,
-    hidden: list[str],
-    *,
-    browser: bool,
+    state: State, start_server: Callable[..., GuardedServer], log: Path | None, hidden: list[str], *, browser: bool
 ) -> None:
     """Show `state` in a dashboard until a signal ends it; `start_server` needs only `on_refused`.
 

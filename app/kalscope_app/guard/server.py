@@ -103,7 +103,7 @@ MAX_FRAME_BYTES = 2**20
 
 
 @dataclass(frozen=True)
-class GuardedServer:
+class GuardedServer(contextlib.AbstractContextManager["GuardedServer"]):
     """A running dashboard server. Use it in a `with` statement, or call `stop`."""
 
     server: viser.ViserServer
@@ -121,9 +121,6 @@ class GuardedServer:
         """Stop the server and free its port. A second call does nothing."""
         self.let_in()  # a connection that waits could not be closed
         _stop(self.server)
-
-    def __enter__(self) -> GuardedServer:
-        return self
 
     def __exit__(self, *_: object) -> None:
         self.stop()

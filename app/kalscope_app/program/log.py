@@ -132,12 +132,8 @@ class Lines(logging.Formatter):
 
     def format(self, record: logging.LogRecord) -> str:
         """The entry, with further lines indented."""
-        if self._with_traceback:
-            text = super().format(record)
-        else:
-            bare = {"exc_info": None, "exc_text": None, "stack_info": None}
-            text = super().format(logging.makeLogRecord(record.__dict__ | bare))
-        text = _SECRET.sub(r"\1…", text)
+        without = {} if self._with_traceback else {"exc_info": None, "exc_text": None, "stack_info": None}
+        text = _SECRET.sub(r"\1…", super().format(logging.makeLogRecord(record.__dict__ | without)))
         for secret in self._hidden:
             text = text.replace(secret, "…")
         return "\n    ".join(CONTROL.sub("·", line) for line in text.split("\n"))

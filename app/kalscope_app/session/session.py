@@ -161,12 +161,7 @@ class Session:
 
     def with_state(self, callback: Callable[[State], None]) -> None:
         """Hand the state to `callback` once every earlier request is in it; on the engine's thread, so be quick."""
-
-        def change(state: State) -> State:
-            callback(state)
-            return state
-
-        self.request(change)
+        self.request(lambda state: callback(state) or state)
 
     def apply_requests(self) -> tuple[State, int, list[tuple[Failed, Exception]]]:
         """Apply what waits, in order; a change that fails leaves the state as it was.

@@ -132,13 +132,8 @@ def costs_of(state: State) -> tuple[Cost, ...]:
 
 def settings_of(state: State) -> dict[str, Cost]:
     """The three settings by name, where the signal shows hardly any noise; else none."""
-    first = state.first
-    hardly = (
-        first is not None
-        and state.tuning.fast is None
-        and first.request is not None
-        and first.request.setting in SETTINGS
-    )
+    request = state.first and state.first.request
+    hardly = request is not None and request.setting in SETTINGS and state.tuning.fast is None
     return {one.name: one for one in costs_of(state) if one.name and hardly}
 
 
@@ -279,14 +274,9 @@ class GoalView:
     def _search(self, state: State, request: Request | None) -> None:
         if request is None:
             return
+        period = state.recording.sample_period
         with self._running as progress:
-            found = find_parameters(
-                state.z,
-                request,
-                dt=state.dt,
-                sample_period=state.recording.sample_period,
-                progress=progress,
-            )
+            found = find_parameters(state.z, request, dt=state.dt, sample_period=period, progress=progress)
         self._session.request(apply_found(state.recording, state.channel, found))
 
     def show(self, frame: Frame) -> None:

@@ -387,11 +387,7 @@ def words_of(options: ReadOptions) -> str:
 
 
 def read_upload(
-    name: str,
-    content: NDArray[np.uint8],
-    options: ReadOptions,
-    *,
-    progress: OnProgress | None = None,
+    name: str, content: NDArray[np.uint8], options: ReadOptions, *, progress: OnProgress | None = None
 ) -> Recording:
     """Read what a browser sent, its bytes. Its name is shown, never used as a path."""
     shown = Path(name.replace("\\", "/")).name[:200] or "upload"

@@ -41,10 +41,7 @@ ROWS = {
         "momentum τ",
         "How long the signal keeps its direction, in samples or as 240 ms. More: less noise, but overshoot.",
     ),
-    "fast": (
-        "fast factor",
-        "Two speeds: q is this many times larger while the signal moves. off: one speed.",
-    ),
+    "fast": ("fast factor", "Two speeds: q is this many times larger while the signal moves. off: one speed."),
 }
 """Label and hint of each box by its parameter."""
 

@@ -189,10 +189,7 @@ class Notifications:
         if before is not None:  # one at a time: a stack of them would cover the charts
             before.remove()
         self._shown[client] = client.add_notification(
-            title=title,
-            body=message[:1000],
-            auto_close_seconds=8.0,
-            color=(0, 158, 115) if good else (213, 94, 0),
+            title=title, body=message[:1000], auto_close_seconds=8.0, color=(0, 158, 115) if good else (213, 94, 0)
         )
 
 

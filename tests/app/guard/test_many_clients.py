@@ -171,10 +171,7 @@ HONEST = [
     *(("SceneNodeDragMessage", {**NODE, **DRAGGED, "phase": phase}) for phase in ("start", "update", "end")),
     ("RunJavascriptMessage", {"source": "alert(1)"}),
     ("ResetGuiMessage", {}),
-    (
-        "FileTransferStartUpload",
-        {**UPLOAD, **FILE},
-    ),
+    ("FileTransferStartUpload", {**UPLOAD, **FILE}),
     ("FileTransferPart", {**UPLOAD, "part_index": 0, "content": b"1\n2"}),
 ]
 

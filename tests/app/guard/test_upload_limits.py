@@ -67,11 +67,7 @@ class Bench:
 
     def part(self, uuid: str, index: int, content: object, name: str = "t") -> None:
         self.send(
-            "FileTransferPart",
-            source_component_uuid=uuid,
-            transfer_uuid=name,
-            part_index=index,
-            content=content,
+            "FileTransferPart", source_component_uuid=uuid, transfer_uuid=name, part_index=index, content=content
         )
 
     def settle(self) -> None:

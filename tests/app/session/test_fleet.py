@@ -16,14 +16,7 @@ from kalscope.estimation.pool import Losses
 from kalscope.fleet.results import Fleet, RunNote, Shared, read_fleet, reopen
 from kalscope.sources.grammar.read_options import ReadOptions
 from kalscope_app.engine.filter_runs import Cache
-from kalscope_app.session.changes import (
-    at_device,
-    close_fleet,
-    find_devices,
-    open_fleet,
-    set_fleet_order,
-    set_text,
-)
+from kalscope_app.session.changes import at_device, close_fleet, find_devices, open_fleet, set_fleet_order, set_text
 from kalscope_app.session.opening import opened
 from kalscope_app.session.session import Session, undo
 from kalscope_app.session.state import MAX_ROWS, ORDERS, OpenFleet

@@ -84,10 +84,7 @@ def test_the_views_that_fail_are_emptied_and_the_others_are_drawn(screen, half, 
 
 @pytest.mark.parametrize(
     ("what", "emptied"),
-    [
-        ("frame", ("_header", "signal", "_more", "_source", "_map")),
-        ("studies", (*STUDIED, "_map", "_verdict")),
-    ],
+    [("frame", ("_header", "signal", "_more", "_source", "_map")), ("studies", (*STUDIED, "_map", "_verdict"))],
 )
 def test_what_cannot_be_computed_leaves_nothing_of_the_one_before(screen, what, emptied, monkeypatch):
     studies = screen.bench.studies
