@@ -1,4 +1,4 @@
-"""A fake board on a pseudo-terminal, in the same process: what is plugged in, pulled out and plugged in again."""
+"""A text as a recording; a fake board on a pseudo-terminal that is plugged in, pulled out and plugged in again."""
 
 import os
 import threading
@@ -6,7 +6,21 @@ import threading
 import pytest
 from waiting import wait_until as wait_for
 
+from kalscope.sources.grammar.read_options import ReadOptions
 from kalscope.sources.live.source import LiveSource
+from kalscope.sources.reading.recording_file import read_recording
+
+
+@pytest.fixture
+def read(tmp_path):
+    """Reads a text, or bytes, as a file; further arguments are those of ReadOptions."""
+
+    def read_content(content, name="log.csv", *, encoding="utf-8", period=None, **options):
+        path = tmp_path / name
+        path.write_bytes(content if isinstance(content, bytes) else content.encode(encoding))
+        return read_recording(path, ReadOptions(**options), sample_period=period)
+
+    return read_content
 
 
 class FakeBoard:

@@ -7,31 +7,27 @@ import pytest
 
 from kalscope.common import files
 from kalscope.errors import BadFile, BadSetting, NoMemory
-from kalscope.sources.grammar.read_options import ReadOptions
-from kalscope.sources.reading.recording_file import read_recording
 
 X = [round(0.5 * i, 3) for i in range(12)]
 
 
 @pytest.fixture
-def read(tmp_path):
-    def read(document, part=None, **how):
-        path = tmp_path / "log.json"
-        path.write_text(document if isinstance(document, str) else json.dumps(document, **how))
-        return read_recording(path, ReadOptions(part=part))
+def read_json(read):
+    def read_document(document, part=None, **how):
+        return read(document if isinstance(document, str) else json.dumps(document, **how), "log.json", part=part)
 
-    return read
+    return read_document
 
 
 @pytest.mark.parametrize("how", [{}, {"indent": 2}])
-def test_a_list_of_objects(read, how):
-    recording = read([{"t": i * 0.1, "imu": {"x": x}, "who": "me"} for i, x in enumerate(X)], **how)
+def test_a_list_of_objects(read_json, how):
+    recording = read_json([{"t": i * 0.1, "imu": {"x": x}, "who": "me"} for i, x in enumerate(X)], **how)
     assert recording.names == ("imu.x",)
     np.testing.assert_array_equal(recording.values[:, 0], X)
     assert recording.sample_period == pytest.approx(0.1)
 
 
-def test_the_pairs_of_prometheus(read):
+def test_the_pairs_of_prometheus(read_json):
     result = [
         {
             "metric": {"__name__": "temp", "host": host},
@@ -39,31 +35,31 @@ def test_the_pairs_of_prometheus(read):
         }
         for host in ("a", "b")
     ]
-    recording = read({"status": "success", "data": {"resultType": "matrix", "result": result}})
+    recording = read_json({"status": "success", "data": {"resultType": "matrix", "result": result}})
     assert (recording.names, recording.sample_period) == (("temp a", "temp b"), 15.0)
     np.testing.assert_array_equal(recording.values[:, 1], X)
 
 
-def test_the_longest_list_is_read_and_another_by_name(read):
+def test_the_longest_list_is_read_and_another_by_name(read_json):
     document = {"a": [{"t": 0, "x": 1}, {"t": 1, "x": 2}], "b": {"c": [{"t": i, "y": x} for i, x in enumerate(X)]}}
-    assert read(document).names == ("y",)
-    assert read(document, "a").names == ("x",)
+    assert read_json(document).names == ("y",)
+    assert read_json(document, "a").names == ("x",)
     with pytest.raises(BadSetting, match=r'"b\.c"'):
-        read(document, "d")
+        read_json(document, "d")
 
 
 @pytest.mark.parametrize(
     "text", ["[" * 100_000, '[{"a": 1}, {"a"', "{}", '{"a": 5}', "[]", '[{"a": "b"}]', "[1, 2", '{"']
 )
-def test_a_document_without_samples_is_refused(read, text):
+def test_a_document_without_samples_is_refused(read_json, text):
     with pytest.raises(BadFile):
-        read(text)
+        read_json(text)
 
 
-def test_a_document_that_will_not_fit_into_memory_is_refused_before_it_is_parsed(read, monkeypatch):
+def test_a_document_that_will_not_fit_into_memory_is_refused_before_it_is_parsed(read_json, monkeypatch):
     document = [{"t": i, "x": x} for i, x in enumerate(X)]
     monkeypatch.setattr(files, "free_memory", lambda: 10_000)
-    assert len(read(document)) == len(X)
+    assert len(read_json(document)) == len(X)
     monkeypatch.setattr(files, "free_memory", lambda: 4_000)
     with pytest.raises(NoMemory, match=r"^log.json must fit into the memory that is free.*one object per line$"):
-        read(document)
+        read_json(document)

@@ -6,8 +6,6 @@ import numpy as np
 import pytest
 
 from kalscope.errors import BadSetting
-from kalscope.sources.grammar.read_options import ReadOptions
-from kalscope.sources.reading.recording_file import read_recording
 
 lvm_read = pytest.importorskip("lvm_read")
 
@@ -47,16 +45,6 @@ def segment(names, rows, *, sep="\t", decimal=".", x="One", step=0.01, start="10
         cells = [cell for value in row for cell in (stamp, written(value))] if x == "Multi" else None
         text += sep.join(cells or [stamp, *map(written, row)]) + "\n"
     return text + "\n"
-
-
-@pytest.fixture
-def read(tmp_path):
-    def read(text, part=None, *, encoding="utf-8"):
-        path = tmp_path / "log.lvm"
-        path.write_bytes(text.encode(encoding))
-        return read_recording(path, ReadOptions(part=part))
-
-    return read
 
 
 ROWS = np.round(np.random.default_rng(1).normal(size=(20, 2)), 6)
@@ -101,9 +89,9 @@ def test_segments_of_other_channels_are_parts(read):
     text = file_header() + segment(["a", "b"], ROWS) + segment(["other"], ROWS[:3, :1])
     assert read(text).names == ("a", "b")
     assert any('"other" (3 × 1)' in note for note in read(text).report.notes)
-    assert len(read(text, "other")) == 3
+    assert len(read(text, part="other")) == 3
     with pytest.raises(BadSetting, match='"a, b"'):
-        read(text, "missing")
+        read(text, part="missing")
 
 
 def test_missing_cells_special_blocks_comments_and_latin_1(read):

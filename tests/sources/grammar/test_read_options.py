@@ -14,16 +14,6 @@ from kalscope.sources.reading.recording_file import read_recording
 NAN = math.nan
 
 
-@pytest.fixture
-def read(tmp_path):
-    def read_text(text, period=None, **options):
-        path = tmp_path / "log.csv"
-        path.write_text(text, encoding="utf-8", newline="")
-        return read_recording(path, ReadOptions(**options), sample_period=period)
-
-    return read_text
-
-
 def test_a_delimiter_outranks_what_is_found(read):
     text = "".join(f"{i},5;{i},25\n" for i in range(9))
     assert read(text).values.shape == (9, 2)

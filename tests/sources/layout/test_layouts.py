@@ -6,21 +6,9 @@ import numpy as np
 import pytest
 
 from kalscope.errors import BadSetting
-from kalscope.sources.grammar.read_options import ReadOptions
-from kalscope.sources.reading.recording_file import read_recording
 
 PAIRS = [(f"{0.1 * i:.1f}", f"{20 + i % 7}") for i in range(30)]
 ROWS = "".join(f"{t},{a}\n" for t, a in PAIRS)
-
-
-@pytest.fixture
-def read(tmp_path):
-    def read_text(text, **options):
-        path = tmp_path / "log.csv"
-        path.write_bytes(text.encode())
-        return read_recording(path, ReadOptions(**options))
-
-    return read_text
 
 
 def notes_of(recording):

@@ -8,8 +8,6 @@ import numpy as np
 import pytest
 
 from kalscope.errors import BadFile
-from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
-from kalscope.sources.reading.recording_file import read_recording
 
 N = 40
 A = [round(20 + 3 * math.sin(i / 9), 2) for i in range(N)]
@@ -316,17 +314,11 @@ LOGS = {
 }
 
 
-def read(tmp_path, text, options=DEFAULTS):
-    path = tmp_path / ("log.json" if text[:1] == "[" and text[-1:] == "]" else "log.txt")
-    path.write_bytes(text.encode())
-    return read_recording(path, options)
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("name", LOGS)
-def test_a_usual_log_is_read_right(tmp_path, name):
+def test_a_usual_log_is_read_right(read, name):
     text, period, channels = LOGS[name]
-    recording = read(tmp_path, text)
+    recording = read(text, "log.json" if name.startswith("JSON") else "log.txt")
     assert recording.report.rejected == 0
     assert recording.report.read_as
     assert recording.sample_period == (None if period is None else pytest.approx(period))
@@ -336,28 +328,28 @@ def test_a_usual_log_is_read_right(tmp_path, name):
         np.testing.assert_array_equal(recording.channel(channel), values)
 
 
-def test_a_common_factor_is_named(tmp_path):
-    recording = read(tmp_path, "x =\n\n   1.0e+03 *\n\n" + rows(lambda i: f"   {A[i]}  {B[i]}\n"))
+def test_a_common_factor_is_named(read):
+    recording = read("x =\n\n   1.0e+03 *\n\n" + rows(lambda i: f"   {A[i]}  {B[i]}\n"))
     assert "the numbers are not multiplied by the 1.0e+03 above them" in recording.report.assumptions
     np.testing.assert_array_equal(recording.values[:, 0], A)
 
 
-def test_one_signal_written_row_by_row_is_asked_about(tmp_path):
+def test_one_signal_written_row_by_row_is_asked_about(read):
     values = [A[i % N] for i in range(7 * N)]
     text = "NPTS= 280\n" + "".join(" ".join(map(str, values[i : i + 7])) + "\n" for i in range(0, len(values), 7))
-    assert any("written row by row" in said for said in read(tmp_path, text).report.assumptions)
+    assert any("written row by row" in said for said in read(text).report.assumptions)
 
 
-def test_what_could_be_one_number_or_two_is_asked_about(tmp_path):
+def test_what_could_be_one_number_or_two_is_asked_about(read):
     text = rows(lambda i: f"1.0{10 + i % 9},25\n")
-    assert "it could also be 1 column: --delimiter semicolon" in read(tmp_path, text).report.notes
-    one = read(tmp_path, text, ReadOptions(delimiter=";"))
+    assert "it could also be 1 column: --delimiter semicolon" in read(text).report.notes
+    one = read(text, delimiter=";")
     np.testing.assert_array_equal(one.values[:, 0], [1010.25 + i % 9 for i in range(N)])
 
 
-def test_a_label_that_is_lost_shifts_no_other(tmp_path):
+def test_a_label_that_is_lost_shifts_no_other(read):
     lines = [line for i in range(N) for line in (f"Temp: {A[i]}\n", f"Press: {B[i]}\n")]
-    recording = read(tmp_path, "".join(line for i, line in enumerate(lines) if i not in (21, 30)))
+    recording = read("".join(line for i, line in enumerate(lines) if i not in (21, 30)))
     known = recording.channel("Press")[np.isfinite(recording.channel("Press"))]
     np.testing.assert_array_equal(known, B[:10] + B[11:])
     both = recording.values[np.isfinite(recording.values).all(axis=1)]
@@ -379,21 +371,21 @@ def test_a_label_that_is_lost_shifts_no_other(tmp_path):
         ("t,a,b\n" + rows(lambda i: f"{i},{A[i]},{A[i] if i % 3 == 0 else f'x{i}'}\n"), 'most cells of "b"'),
     ],
 )
-def test_what_the_file_does_not_show_is_said_at_once(tmp_path, text, assumed):
-    recording = read(tmp_path, text)
+def test_what_the_file_does_not_show_is_said_at_once(read, text, assumed):
+    recording = read(text)
     assert any(assumed in sentence for sentence in recording.report.assumptions), recording.report.assumptions
     assert set(recording.report.assumptions) <= set(recording.report.notes)
 
 
-def test_a_remark_between_rows_begins_no_new_table(tmp_path):
+def test_a_remark_between_rows_begins_no_new_table(read):
     row = [f"{i / 2},{A[i]}\n" for i in range(N)]
-    recording = read(tmp_path, "t,a\n" + "".join(row[:5]) + "\nreconnect,now\n" + "".join(row[5:]))
+    recording = read("t,a\n" + "".join(row[:5]) + "\nreconnect,now\n" + "".join(row[5:]))
     assert (recording.report.rows + recording.report.rejected, recording.sample_period) == (N + 1, 0.5)
 
 
-def test_units_that_repeat_are_no_names(tmp_path):
+def test_units_that_repeat_are_no_names(read):
     text = "date time a b c d\ns V V V V\n" + rows(lambda i: f"2025-03-04 {clock(i)} {' '.join([str(A[i])] * 4)}\n")
-    assert read(tmp_path, text).names == ("a", "b", "c", "d")
+    assert read(text).names == ("a", "b", "c", "d")
 
 
 @pytest.mark.parametrize(
@@ -403,6 +395,6 @@ def test_units_that_repeat_are_no_names(tmp_path):
         "n,v\n" + rows(lambda i: f"{i},{A[i] if i % 3 == 0 else f'x{i}'}\n"),
     ],
 )
-def test_debris_is_refused(tmp_path, text):
+def test_debris_is_refused(read, text):
     with pytest.raises(BadFile, match="must"):
-        read(tmp_path, text)
+        read(text)

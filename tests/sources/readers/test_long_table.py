@@ -6,20 +6,8 @@ import numpy as np
 import pytest
 
 from kalscope.errors import BadSetting
-from kalscope.sources.grammar.read_options import ReadOptions
-from kalscope.sources.reading.recording_file import read_recording
 
 X = np.round(np.random.default_rng(2).normal(20, 1, 30), 3)
-
-
-@pytest.fixture
-def read(tmp_path):
-    def read(text, name="log.csv", **options):
-        path = tmp_path / name
-        path.write_text(text)
-        return read_recording(path, ReadOptions(**options))
-
-    return read
 
 
 def stamp(i, step=10, fraction=""):

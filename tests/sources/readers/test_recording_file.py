@@ -13,16 +13,6 @@ from kalscope.sources.reading import rows as csv_rows
 from kalscope.sources.reading.recording_file import read_recording
 
 
-@pytest.fixture
-def read(tmp_path):
-    def read_text(text, encoding="utf-8", **options):
-        path = tmp_path / "log.csv"
-        path.write_bytes(text if isinstance(text, bytes) else text.encode(encoding))
-        return read_recording(path, **options)
-
-    return read_text
-
-
 def _accounted(recording):
     report = recording.report
     parts = report.rows + report.rejected + report.blank + report.comments + report.headers
@@ -43,7 +33,7 @@ def _oracle(text):
 @pytest.mark.parametrize("delimiter", [",", ";", "\t", "|", "  "])
 def test_every_dialect_reads_as_the_same_recording(read, encoding, newline, delimiter):
     content = CLEAN.replace(",", delimiter).replace("\n", newline)
-    recording = read(content, encoding)
+    recording = read(content, encoding=encoding)
     expected = _oracle(CLEAN)
     np.testing.assert_array_equal(recording.time, expected[:, 0])
     np.testing.assert_array_equal(recording.values, expected[:, 1:])
@@ -120,8 +110,8 @@ def test_comments_blank_lines_and_repeated_headers_are_counted_as_such(read):
 
 
 def test_a_given_sample_period_overrides_and_gives_time_where_there_is_none(read):
-    assert read("t,a\n0,1\n1,2\n", sample_period=0.5).sample_period == 0.5
-    recording = read("a,b\n1,2\n3,4\n5,6\n", sample_period=0.5)
+    assert read("t,a\n0,1\n1,2\n", period=0.5).sample_period == 0.5
+    recording = read("a,b\n1,2\n3,4\n5,6\n", period=0.5)
     assert recording.sample_period == 0.5
     assert recording.time.tolist() == [0.0, 0.5, 1.0]
 

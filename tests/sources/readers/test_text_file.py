@@ -14,16 +14,6 @@ TEXT = "t,T (°C)\n" + "".join(f"{i / 100:.2f},{20 + i / 8:.3f}\n" for i in rang
 NULS = "must be printable text (got NUL bytes)"
 
 
-@pytest.fixture
-def read(tmp_path):
-    def read(data):
-        path = tmp_path / "log.csv"
-        path.write_bytes(data)
-        return read_recording(path)
-
-    return read
-
-
 @pytest.mark.parametrize("size", [16, 4096, 500_000])
 def test_a_part_that_was_never_written_is_one_rejected_line(read, size):
     text = TEXT.encode()
