@@ -6,14 +6,12 @@ its peak. `make soak` reads the large ones.
 
 from __future__ import annotations
 
-import os
 import re
-from pathlib import Path
 
 import pytest
 from effort import FUZZ
 from forked import fork_server
-from hostile_case import MIB, examine, examine_all, in_child
+from hostile_case import examine_all, in_child
 from required import needs
 
 needs("duckdb", "h5py", "nptdms", "python_calamine", "zstandard")
@@ -60,23 +58,3 @@ def test_hostile_files_are_read_or_refused_in_bounded_memory(tmp_path, monkeypat
     assert sum(added.values()) <= min(case.big_mib if BIG else case.mib for case in cases), added
     if BIG and files[0][0].is_file():
         files[0][0].unlink()  # the large ones would fill the disk
-
-
-def test_the_table_would_notice_memory_and_tracebacks(tmp_path):
-    path = tmp_path / "log.csv"
-    path.write_text("1,2\n" * 10)
-    assert in_child(fork_server(), examine, path, fill_memory).mib > 100
-    assert in_child(fork_server(), examine, path, fail).outcome.startswith("Traceback")
-    assert in_child(fork_server(), examine, path, end).outcome == "the process ended with status 3"
-
-
-def fill_memory(_: Path) -> int:
-    return len(b"1" * (128 * MIB))
-
-
-def fail(_: Path) -> None:
-    raise RuntimeError
-
-
-def end(_: Path) -> None:
-    os._exit(3)

@@ -87,30 +87,3 @@ def test_a_pattern_takes_steps_in_proportion_to_its_text():
         if (text := worst_growth(pattern, use, SIZE, MAX_STEPS)) is not None:
             slow.append(f"{pattern.pattern!r} tries over and over on {text!r}")
     assert slow == []
-
-
-@pytest.mark.slow
-def test_no_pattern_is_made_where_the_others_are_not_found():
-    made = []
-    for path in (SOURCE / "sources").rglob("*.py"):
-        for function in ast.walk(ast.parse(path.read_text("utf-8"))):
-            if isinstance(function, ast.FunctionDef):
-                calls = [ast.unparse(node.func) for node in ast.walk(function) if isinstance(node, ast.Call)]
-                made += [f"{path.name}:{function.name}"] * ("re.compile" in calls)
-    assert made == []
-
-
-@pytest.mark.parametrize(
-    ("pattern", "use", "is_slow"),
-    [
-        (r"\s*(?:#|%|//)\s*unit\s+(.+?)\s*:\s*(.+?)\s*", "fullmatch", True),
-        (r"(a+)+b", "match", True),
-        (r"([^\s:]+)\s*:", "findall", True),
-        (r"1*?y", "search", True),
-        (r"[ \t]+", "findall", False),
-        (r"\s*([^\s:][^:]*):(.*)", "match", False),
-        (r"(?:a{1,9}b)?", "findall", False),
-    ],
-)
-def test_the_count_tells_linear_patterns_from_worse(pattern, use, is_slow):
-    assert (worst_growth(re.compile(pattern), use, SIZE, MAX_STEPS) is not None) is is_slow

@@ -33,23 +33,6 @@ def test_the_list_is_the_folder():
     assert len(NAMES) >= 6
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", NAMES)
-def test_a_sample_is_small_clean_has_units_and_says_how_it_was_made(name):
-    path = FOLDER / f"{name}.csv"
-    assert path.stat().st_size < 150_000
-    recording = open_source(f"sample:{name}")
-    report = recording.report
-    assert (report.rejected, report.bad_cells, report.clipped_times, report.issues) == (0, 0, 0, ())
-    assert all(recording.units)
-    assert recording.sample_period is not None
-    note = path.with_suffix(".md").read_text(encoding="utf-8")
-    assert all(f"| {word} |" in note for word in ("sensor", "unit", "rate", "how made"))
-    if name != "nile":
-        assert 1000 <= len(recording) <= 4000
-        assert f"`python sample_data/make.py` ({name}())" in note.replace("\n", " ")
-
-
 def test_nile_is_the_published_series():
     recording = open_source("sample:nile")
     volume = recording.channel("volume")

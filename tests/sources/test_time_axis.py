@@ -257,11 +257,6 @@ def test_every_tenth_step_of_an_sd_card_counts():
     assert found.period == pytest.approx(3.4e-3, rel=1e-3)
 
 
-@pytest.mark.parametrize("time", [[5.0], [3.0, 2.0, 1.0], [1.0, 1.0]])
-def test_stamps_that_never_rise_have_no_rate(time):
-    assert find_rate(np.array(time)) is None
-
-
 @given(st.integers(2, 400), st.sampled_from([0.001, 0.004, 0.01, 0.02, 1.0, 60.0, 3600.0]), st.integers(0, 10**6))
 def test_even_stamps_keep_their_median_step_to_the_last_digit(n, step, first):
     time = np.round((first + np.arange(n)) * step, 6)
@@ -286,18 +281,6 @@ def test_shifted_and_stretched_stamps_have_the_shifted_and_stretched_rate(name, 
         assert changed.pauses.tolist() == found.pauses.tolist()
 
 
-CROWDED = [name for name, (_, stamps) in DEVICES.items() if stamps not in ("even", "uneven")]
-
-
-@pytest.mark.parametrize("name", CROWDED)
-def test_placed_samples_rise_and_stay_near_their_stamps(name):
-    _, time, _ = DEVICES[name][0].run(6000)
-    rate = find_rate(time)
-    placed = place_evenly(time, rate)
-    assert np.all(np.diff(placed) >= 0)
-    assert np.abs(placed - time).max() <= 2.5 * rate.longest
-
-
 @pytest.mark.parametrize("name", ["67 Hz in whole s", "1.3 Hz in whole s", "3 kHz in whole ms"])
 def test_samples_of_a_coarse_clock_are_where_they_were_taken(name):
     device = DEVICES[name][0]
@@ -318,13 +301,6 @@ def test_a_rate_that_drifts_is_followed():
 NUMBER = TimeColumn(0, "number", "ms")
 
 
-def test_samples_that_were_written_twice_are_counted_and_named():
-    stamps = np.sort(np.concatenate((np.arange(100.0), [1.0, 50.0, 51.0]))) * 10
-    axis = read_time(stamps, NUMBER)
-    np.testing.assert_array_equal(axis.time, stamps / 1000)
-    assert any("3 samples repeat an earlier stamp, first at sample 3" in note for note in axis.notes)
-
-
 @pytest.mark.parametrize("step", [1e-320, 1e-120, 1e60, 1e120])
 def test_stamps_too_fine_or_too_coarse_for_a_rate_are_no_time(step):
     stamps, column = step * np.arange(60.0), TimeColumn(0, "number", "s")
@@ -334,24 +310,7 @@ def test_stamps_too_fine_or_too_coarse_for_a_rate_are_no_time(step):
     assert read_time(stamps, column, given=GivenPeriod(0.5)).timing.period == 0.5
 
 
-def test_the_advice_says_how_many_rows_it_would_add():
-    short, long = np.arange(100) * 10.0, np.concatenate((np.arange(50), 10_000 + np.arange(50))) * 10.0
-    short[50:] += 30.0
-    assert "adds 3 rows of missing samples" in " ".join(read_time(short, NUMBER).notes)
-    said = " ".join(read_time(long, NUMBER).notes)
-    assert "read it with --gaps dt (elapsed time): --gaps missing would add 9\u202f950 rows" in said
-    assert "read it with" not in " ".join(read_time(short, NUMBER, gaps="dt").notes)
-
-
 WHOLE_SECONDS = np.floor(np.arange(7000) / 67) * 1000
-
-
-def test_a_coarse_clock_has_neither_gaps_nor_repeated_samples():
-    axis = read_time(WHOLE_SECONDS, NUMBER)
-    assert (axis.timing.stamps, axis.timing.pauses) == ("coarse", 0)
-    assert not any("repeat" in note or "gap" in note for note in axis.notes)
-    assert axis.notes[-1].startswith("the clock has a resolution of 1 s: samples were placed evenly between its")
-    assert "67.0 Hz" in axis.notes[-1]
 
 
 UNSTEADY = np.cumsum(np.random.default_rng(1).pareto(1.1, 400) * 10 + 2)

@@ -55,13 +55,6 @@ def tdms(tmp_path):
     return write
 
 
-def test_vectors_of_matlab_with_their_time(mat):
-    recording = mat(t=T, x=X[:, None], y=X[None, :] * 2, title="a text", flag=np.array([{}], dtype=object))
-    assert recording.names == ("x", "y")
-    np.testing.assert_array_equal(recording.values, np.column_stack([X, 2 * X]))
-    assert recording.sample_period == pytest.approx(0.02)
-
-
 @pytest.mark.parametrize(
     "variables",
     [
@@ -88,12 +81,6 @@ def test_fields_of_a_matlab_struct_and_a_matrix_are_channels(mat):
     recording = mat(t=T, log={"x": X, "y": 2 * X}, other=np.arange(7.0))
     assert (recording.names, recording.sample_period) == (("x", "y"), pytest.approx(0.02))
     assert mat(log={"fs": 50.0, "imu": {"x": X}}).sample_period == pytest.approx(0.02)
-
-
-@pytest.mark.parametrize("variables", [{"a": "text"}, {"a": 5.0}, {"a": np.zeros((0, 3))}, {"a": np.eye(3) * 1j}])
-def test_matlab_without_samples_is_refused(mat, variables):
-    with pytest.raises(BadFile, match="must hold"):
-        mat(**variables)
 
 
 def test_matlab_version_73_is_hdf5(tmp_path):

@@ -112,11 +112,3 @@ def test_segments_without_a_clock_of_their_own_follow_each_other(read, x):
     recording = read(file_header(x_columns=x) + 3 * undated)
     np.testing.assert_allclose(recording.time, np.arange(15) * 0.01, atol=1e-9)
     assert any("2024-02-29T23:59:59.5" in note for note in recording.report.notes)
-
-
-@pytest.mark.parametrize("x", ["One", "No"])
-def test_a_short_row_is_rejected_and_leaves_its_place(read, x):
-    text = file_header(x_columns=x) + segment(["a", "b"], ROWS[:6], x=x)
-    recording = read(text.replace(f"{ROWS[2, 0]:.6f}\t{ROWS[2, 1]:.6f}", f"{ROWS[2, 0]:.6f}"))
-    assert (recording.report.rows, recording.report.rejected, recording.report.issues[0].line) == (5, 1, 24)
-    np.testing.assert_allclose(recording.time, [0.0, 0.01, 0.03, 0.04, 0.05])

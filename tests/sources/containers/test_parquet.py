@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from required import needs
 
-from kalscope.errors import BadFile, BadSetting
+from kalscope.errors import BadSetting
 from kalscope.sources.grammar.read_options import ReadOptions
 from kalscope.sources.reading.recording_file import read_recording
 
@@ -43,12 +43,6 @@ def test_nulls_and_infinities_of_parquet_are_missing_samples(parquet):
     np.testing.assert_array_equal(recording.values[:, 0], [1, np.nan, np.nan, 5])
     report = recording.report
     assert (report.rows, report.rejected, report.lines, report.bad_cells) == (4, 1, 5, 1)
-
-
-@pytest.mark.parametrize("select", ["SELECT 'a' AS b", "SELECT 1 AS a WHERE false"])
-def test_a_parquet_file_without_samples_is_refused(parquet, select):
-    with pytest.raises(BadFile, match="must hold"):
-        parquet(select)
 
 
 @pytest.mark.parametrize("name", ["log.parquet", "log.csv"])

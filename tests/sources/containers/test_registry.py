@@ -2,10 +2,7 @@
 
 import gzip
 import random
-import re
 import sys
-import tomllib
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -67,13 +64,6 @@ def test_a_missing_library_is_named_with_its_extra(tmp_path, monkeypatch, name):
     with pytest.raises(BadFile, match=rf"needs {package} .*kalscope\[formats\]") as refused:
         read_recording(path)
     assert len(str(refused.value).splitlines()) == 1
-
-
-def test_the_libraries_above_are_those_of_the_extra():
-    """So that one that is added to it is tried without, too."""
-    project = tomllib.loads((Path(__file__).parents[3] / "pyproject.toml").read_text())["project"]
-    of_extra = project["optional-dependencies"]["formats"]
-    assert {re.match(r"[\w-]+", one)[0] for one in of_extra} == {package for _, package in LIBRARIES.values()}
 
 
 # Cut short or with wrong bytes they are refused, or still read; nothing else happens.

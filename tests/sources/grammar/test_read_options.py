@@ -8,7 +8,6 @@ from hypothesis import strategies as st
 
 from kalscope.errors import BadSetting
 from kalscope.sources.grammar.read_options import ReadOptions, options_from_text, split_values
-from kalscope.sources.reading.account import account
 from kalscope.sources.reading.recording_file import read_recording
 
 NAN = math.nan
@@ -73,14 +72,6 @@ def test_a_rate_is_a_sample_period_in_other_words(read):
         read_recording("no such file", ReadOptions(rate=25.0), sample_period=0.5)
 
 
-def test_a_rate_above_the_table_is_taken_where_there_are_no_stamps(read):
-    text = "# Sampling Rate: 250 Hz\na,b\n" + "".join(f"{i % 7},{i % 3}\n" for i in range(50))
-    recording = read(text)
-    assert (recording.sample_period, recording.report.timing.source) == (0.004, "file")
-    assert recording.time[:3].tolist() == [0, 0.004, 0.008]
-    assert read(text, rate=100.0).sample_period == 0.01
-
-
 def test_a_gap_of_years_is_no_million_rows(read):
     text = "t,a\n" + "".join(f"{i},1\n" for i in range(20)) + "1e9,2\n"
     with pytest.raises(BadSetting, match='must not be "missing"'):
@@ -128,15 +119,6 @@ def test_options_as_a_person_types_them():
     assert options_from_text(time_column="column 3").time_column == 2
     assert options_from_text(time_column="none").time_column == "none"
     assert options_from_text(delimiter="\\t").delimiter == "\t"
-
-
-def test_the_account_adds_up_and_names_every_issue(read):
-    text = account(read("# c\nt,a [mV]\n0,1\n1,ERR\n\n2\n3,\x01\n4,5\n"))
-    assert "log.csv: 3 samples of a [mV]\n" in text
-    assert "8 lines = 3 with data + 2 rejected + 1 blank + 1 comments and text + 1 header" in text
-    assert "line 4, \"a\": must be a number (got 'ERR')" in text
-    assert "line 6: must have 2 fields (got 1) (got '2')" in text
-    assert all(line.isprintable() for line in text.splitlines())
 
 
 @given(st.lists(st.text(min_size=1)))

@@ -192,27 +192,6 @@ def days(order, count=11, step=1, start=datetime(2024, 1, 1)):
 
 
 @pytest.mark.parametrize(
-    ("cells", "form"),
-    [
-        (["0.5", "1", "1.5e3"], ("number", "ymd")),
-        (["12:00", "12:01"], ("clock", "h:m:s")),
-        (["56:36.147", "56:36.148"], ("clock", "elapsed")),
-        (["09:59", "59:59"], ("clock", "elapsed")),
-        (["23:59:59", "24:00:00", "125:03:11"], ("clock", "elapsed")),
-        (["0:00:01", "1 day, 0:00:01"], ("clock", "elapsed")),
-        (["20240313093000", "20240313093001"], ("calendar", "ymd")),
-        (["10/14/2018 00:01"], ("calendar", "mdy")),
-        (["14/10/2018"], ("calendar", "dmy")),
-        (["hello", "world 3"], None),
-        (["", "nan"], None),
-        ([], None),
-    ],
-)
-def test_the_form_that_fits_most_cells_is_found(cells, form):
-    assert found(cells) == form
-
-
-@pytest.mark.parametrize(
     ("cells", "unit", "clock"),
     [
         ([f"{i // 60:02}:{i % 60:02}" for i in range(300)], "", "elapsed"),  # it begins at 00:00
@@ -249,21 +228,6 @@ def test_where_nothing_decides_the_day_comes_first_and_the_note_names_the_option
     assert not find_stamp_form([cell.replace("03/04", "04/04") for cell in cells], ".", TIME).notes
 
 
-@pytest.mark.parametrize(("day_first", "order"), [(True, "dmy"), (False, "mdy")])
-def test_the_user_decides_the_order(day_first, order):
-    form = find_stamp_form(["03/04/2024"], ".", TimeName(), ReadOptions(day_first=day_first))
-    assert (form.order, form.notes) == (order, ())
-    assert find_stamp_form(["2024-03-04"], ".", TimeName(), ReadOptions(day_first=day_first)).order == "ymd"
-
-
-@pytest.mark.parametrize("order", ["dmy", "mdy"])
-def test_one_day_above_twelve_decides_and_damaged_cells_change_nothing(order):
-    cells = days(order, 100, 1, datetime(2024, 3, 13))
-    cells[10:99:10] = [cell[:-1] + "x" for cell in cells[10:99:10]]
-    assert found(cells, TimeName())[1] == order
-    assert found(["03/04/2024"] * 500 + [cells[0]] + ["05/04/2024"] * 500)[1] == order
-
-
 def test_a_format_of_the_user_is_the_form():
     for form, kind, cell, us in (
         ("%H-%M-%S.%f", "clock", "01-00-00.5", 3600.5e6),
@@ -296,14 +260,3 @@ def test_digits_of_a_date_and_a_clock(pattern, name, start, count):
 def test_seconds_since_1970_are_no_date_of_ten_digits(start, step):
     cells = [str(start + step * i) for i in range(60)]
     assert found(cells, NAMED)[0] == found(cells, DATE)[0] == "number"
-
-
-@pytest.mark.parametrize(("order", "pattern"), [("ymd", "%y%m%d"), ("dmy", "%d%m%y"), ("mdy", "%m%d%y")])
-def test_dates_of_six_digits_under_the_name_of_a_date(order, pattern):
-    times = [datetime(2024, 2, 20) + timedelta(days=i) for i in range(20)]
-    cells = [time.strftime(pattern) for time in times]
-    form = find_stamp_form(cells, ".", NAMED)
-    assert (form.kind, form.order) == ("calendar", order)
-    assert stamp_parser(form, ".")(cells[-1]) == microseconds(times[-1])
-    assert found(cells) == ("number", "ymd")  # a timestamp may count so
-    assert found([str(100_000 + 7 * i) for i in range(50)], NAMED)[0] == "number"

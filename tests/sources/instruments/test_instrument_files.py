@@ -1,8 +1,11 @@
-"""Whole files of instruments, read to the end: rows, names, units and values; all made up."""
+"""Whole files of instruments, and a rate above a table of any logger."""
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
+from kalscope.sources.reading.preface import Preface, find_preface
 from kalscope.sources.reading.recording_file import read_recording
 
 N = 60
@@ -88,3 +91,68 @@ def test_a_whole_file_as_it_is_or_copied_by_a_script(name, copied, tmp_path):
     assert (recording.names, recording.units, recording.report.rejected) == (words(names), words(units), 0)
     assert recording.values[:, int(name == "campbell")] == pytest.approx(A)
     assert recording.sample_period == pytest.approx(period, rel=1e-6)
+
+
+TABLE = ["t,a", "0,1", "1,2", "2,3"]
+
+
+@pytest.mark.parametrize(
+    ("line", "period"),
+    [
+        ("# Sampling Rate: 250 Hz", 0.004),
+        ("% fs = 100", 0.01),
+        ("Sample Interval,1.0,ms,", 1e-3),
+        ('"Sampling Frequency (Hz)=",500000000,', 2e-9),
+        ("# Config: data_rate = 2000.0 Hz, filter = 488 Hz", 5e-4),
+        ("// Sampling interval (ms): 10", 0.01),
+        ('"Epoch Length:","30","seconds",""', 30.0),
+        ("Sample Rate 100 Hz", 0.01),
+        ("# Sampling Period = 4us", 4e-6),
+        ("Abtastrate: 50 Hz", 0.02),
+        ("; Samplerate: 20 MHz", 5e-8),
+        ("# sampled at 125 Hz", 0.008),
+        ("# fps: 30", 1 / 30),
+        ('# fs = "12,50"', 0.08),
+        ("Sample interval = 0,001 s", 1e-3),
+        ("# gain=2,fs=100,filter=5", 0.01),
+    ],
+)
+def test_a_rate_above_the_table(line, period):
+    found = find_preface(["My logger 3.1", line, *TABLE])
+    assert found is not None
+    assert found.period == pytest.approx(period)
+    assert found.header_row is None
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "# Sampling Rate: unknown",
+        "# Sampling Rate: 0 Hz",
+        "# Sampling Rate: 1e999 Hz",
+        "# Sampling Rate: 250 apples",
+        "# Sampling rate: 1,000 Hz",
+        "# Sampling rate: 1,000.5 Hz",
+        "Sample interval = 2,500 ms",
+        "# heart rate: 60",
+        "# Range = 4 g, filter = 488 Hz",
+        "rate",
+    ],
+)
+def test_no_rate(line):
+    assert find_preface([line, *TABLE]) == Preface()
+
+
+STARTS = [
+    "X,CH1,Start,Increment,", "Time,X(CH1),", '"Number of Data points =",', "Record Length,1,,2,3",
+    "Model,MSO", "TIME,CH1", "Sequence,Volt,1,2", "Second,Volt", "1551453301", "1551453301,IBI", "sep=;", "-----",
+    "fs = 100", "Sample Index", "", ",", '"', "0,1", "1,2,", "0", "Inf", "1e999,1e999", "Vertical Units,CH1:V",
+    "Sampling Period,4", "1e-320", "Sampling Period,1e-320", "%Sample Rate = 1e-320",
+]  # fmt: skip
+
+
+@given(st.lists(st.sampled_from(STARTS) | st.text(max_size=12), max_size=14))
+def test_no_first_lines_make_a_rule_fail(lines):
+    found = find_preface(lines)
+    assert found.period is None or 0 < found.period < float("inf")
+    assert 0 < found.first_row <= max(1, len(lines))

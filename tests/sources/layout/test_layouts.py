@@ -5,7 +5,9 @@ from datetime import datetime, timedelta
 import numpy as np
 import pytest
 
+from kalscope import read_recording
 from kalscope.errors import BadSetting
+from kalscope.sources.reading.columns import named_column
 
 PAIRS = [(f"{0.1 * i:.1f}", f"{20 + i % 7}") for i in range(30)]
 ROWS = "".join(f"{t},{a}\n" for t, a in PAIRS)
@@ -23,13 +25,6 @@ def test_first_rows_without_a_sample_do_not_take_the_header_with_them(read, word
     assert (recording.names, len(recording), recording.report.bad_cells) == (("a", "b"), 30, 0)
     assert np.isnan(recording.values[:2]).all()
     assert word == "NA" or f'"{word}" is a missing sample: 4 cells' in notes_of(recording)
-
-
-def test_several_rows_above_the_data_are_names_units_and_what_was_done(read):
-    recording = read("x_a,x_b,x_c\nRAW,CAL,CAL\nno_units,m/(sec^2),degC\n" + "1,2.5,3\n2,4.5,6\n" * 9)
-    assert recording.names == ("x_a", "x_b", "x_c")
-    assert recording.units == ("", "m/(sec^2)", "degC")
-    assert recording.report.headers == 3
 
 
 def test_names_that_a_blank_parts_keep_their_units_between_runs_of_blanks(read):
@@ -133,3 +128,41 @@ def test_a_date_and_a_clock_of_six_digits_each_are_one_time(read, form):
     recording = read("Date,Time,a\n" + "".join(f"{stamp},{i % 7}\n" for i, stamp in enumerate(stamps)))
     assert (recording.names, recording.sample_period) == (("a",), 600.0)
     assert any("2024-03-30T22:00:00" in note for note in recording.report.notes)
+
+
+@pytest.mark.parametrize(
+    ("text", "name", "unit"),
+    [
+        ("accel (m/s^2)", "accel", "m/s^2"),
+        ("t [us]", "t", "us"),
+        ("gX [°/s]", "gX", "°/s"),
+        ("Distance_cm", "Distance_cm", "cm"),
+        ("CO(GT)", "CO(GT)", ""),
+        ("a_x", "a_x", ""),
+        ("plain", "plain", ""),
+        ("Pressure in hPa", "Pressure", "hPa"),
+        ("Temp, °C (LGR S/N: 10229, SEN S/N: 10229)", "Temp", "°C"),
+        ("Coupler (LGR S/N: 10229)", "Coupler (LGR S/N: 10229)", ""),
+        ("spin in place", "spin in place", ""),
+    ],
+)
+def test_a_unit_stands_in_brackets_or_as_a_clear_suffix(text, name, unit):
+    column = named_column(text)
+    assert (column.name, column.unit) == (name, unit)
+
+
+@pytest.mark.parametrize(
+    ("header", "step", "names"),
+    [
+        ("count,a", 1, ("a",)),
+        ("Index,a", 1, ("a",)),
+        ("count,a", 2, ("count", "a")),  # a counter of something else
+        ("light,a", 1, ("light", "a")),  # no row number by its name
+        ("count", 1, ("count",)),  # all there is
+    ],
+)
+def test_a_column_that_numbers_the_rows_is_no_channel(tmp_path, header, step, names):
+    file = tmp_path / "log.csv"
+    cells = [[str(step * i), str((7 * i) % 5)][: header.count(",") + 1] for i in range(20)]
+    file.write_text("\n".join([header, *map(",".join, cells)]) + "\n")
+    assert read_recording(file).names == names

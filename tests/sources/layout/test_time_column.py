@@ -10,7 +10,7 @@ from kalscope.errors import BadSetting
 from kalscope.sources.grammar.read_options import ReadOptions
 from kalscope.sources.grammar.timestamps import TimeColumn, row_stamp_parser
 from kalscope.sources.reading.columns import Column, named_column
-from kalscope.sources.reading.time_columns import find_time, time_name
+from kalscope.sources.reading.time_columns import find_time
 
 N = 60
 START = datetime(2024, 3, 4, 9, 30)
@@ -157,20 +157,6 @@ def test_a_damaged_part_is_no_stamp():
         assert parse([*row[:i], "", *row[i + 1 :]]) is None
 
 
-def test_any_column_of_numbers_may_be_chosen_and_text_may_not():
-    columns, rows = made({"Time in seconds": [str(10 * i) for i in range(N)], "a": NOISE})
-    for choice in ("Time in seconds", "Time", 0):
-        time = find_time(columns, rows, ".", named=True, choice=choice, labels=("Time in seconds", "a"))
-        assert (time.kind, time.unit) == ("number", "s")
-    columns, rows = made({"x": NOISE, "place": ["here"] * N})
-    assert find_time(columns, rows, ".", named=True, choice="x").index == 0
-    assert find_time(columns, rows, ".", named=True, choice="none") is None
-    with pytest.raises(BadSetting, match="must hold numbers or stamps"):
-        find_time(columns, rows, ".", named=True, choice="place")
-    with pytest.raises(BadSetting, match="must be one of"):
-        find_time(columns, rows, ".", named=True, choice="y")
-
-
 def test_a_time_format_finds_its_column_and_says_where_it_fits_none():
     named = {"when": stamps("%H-%M-%S"), "time": stamps("%d.%m.%Y"), "a": NOISE}
     assert time_of(named, ReadOptions(time_format="%H-%M-%S")).index == 0
@@ -206,32 +192,3 @@ def test_digits_with_a_unit_beside_a_date_are_no_clock():
     time = time_of({"date": days, "time_ms": counted, "x": NOISE})
     assert (time.indices, time.unit) == ((1,), "ms")
     assert set(time_of({"date": days, "time": counted, "x": NOISE}).indices) == {0, 1}
-
-
-@pytest.mark.parametrize(("pattern", "step"), [("%Y%m%d%H", 3600), ("%Y%m%d%H%M", 600), ("%Y%m%d", 86400)])
-@pytest.mark.parametrize("name", ["", "Messzeitpunkt"])
-def test_dates_in_digits_are_the_time_whatever_their_name(name, pattern, step):
-    rows = list(zip(stamps(pattern, step), NOISE, strict=True))
-    time = find_time([Column(name), Column("")], rows, ".", named=bool(name))
-    assert (time.index, time.kind) == (0, "calendar")
-
-
-NAMES = {
-    (2, ""): ("t", "Time (UTC)", "Device Time", "Date/Time", "Timestamp (Formatted)"),
-    (2, "us"): ("t [us]", "TimeUS"),
-    (2, "ms"): ("time_ms", "timeMs", "time_boot_ms", "Timestamp (ms)", "Time in milliseconds", "millis"),
-    (2, "s"): ("Elapsed Time (s)", "seconds_elapsed", "Time in seconds", "Second", "T [s]", "time (mm:ss)"),
-    (2, "min"): ("elapsed [min]",),
-    (1, "year"): ("year",),
-    (1, "day"): ("Day",),
-    (1, "ms"): ("reaction_time_ms",),
-    (1, "s"): ("Trip Time(Since journey start)(s)",),
-    (0, ""): ("T", "T [K]", "h", "hour", "d", "min", "temp", "temps", "light", "datasheet", ""),
-}
-
-
-@pytest.mark.parametrize(("strength", "unit"), NAMES)
-def test_a_name_hints_at_a_time_and_its_unit(strength, unit):
-    for name in NAMES[strength, unit]:
-        found = time_name(named_column(name))
-        assert (found.strength, found.unit) == (strength, unit), name

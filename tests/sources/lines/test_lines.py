@@ -1,4 +1,4 @@
-"""The streaming parser: the truth table of what people print, cuts at every byte, and agreement with the files."""
+"""Lines that name their values, and the streaming parser: what people print, cut at every byte."""
 
 import itertools
 import math
@@ -9,12 +9,70 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kalscope.sources.grammar.cells import parse_number, split_fields
-from kalscope.sources.grammar.line_format import split_checksum
+from kalscope.sources.grammar.line_format import MAX_VALUES, find_labels
 from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
 from kalscope.sources.reading import line_parser
 from kalscope.sources.reading.line_parser import MAX_LINE_BYTES, LineParser
 from kalscope.sources.reading.recording_file import read_recording
+
+
+@pytest.mark.parametrize(
+    ("line", "pairs"),
+    [
+        ("t=123 ax=0.1 ay=-2.0", {"t": "123", "ax": "0.1", "ay": "-2.0"}),
+        ("temp=21.5C hum=40%", {"temp": "21.5C", "hum": "40%"}),
+        ("a = 1, b = 2", {"a": "1", "b": "2"}),
+        ("rel hum = 40 %; temp = 21.5 C", {"rel hum": "40 %", "temp": "21.5 C"}),
+        ("a=1&b=2", {"a": "1", "b": "2"}),
+        ("Sensor Value=155", {"Sensor Value": "155"}),
+        ("Temperature = 21.05 *C", {"Temperature": "21.05 C"}),
+        ("Humidity: 45.00 %  Temperature: 21.30 C", {"Humidity": "45.00 %", "Temperature": "21.30 C"}),
+        ("Temp: 21.5 C Rel Hum: 40 %", {"Temp": "21.5 C", "Rel Hum": "40 %"}),
+        (
+            "T: 21.0°C 69.8°F  Heat index: 20°C 68°F",
+            {"T": "21.0°C", "T 2": "69.8°F", "Heat index": "20°C", "Heat index 2": "68°F"},
+        ),
+        (
+            "Reading: -0.1 lbs calibration_factor: -7050.00",
+            {"Reading": "-0.1 lbs", "calibration_factor": "-7050.00"},
+        ),
+        ("INFO temp=20.89 hum=52", {"temp": "20.89", "hum": "52"}),
+        ('ts=2026-01-01T00:00 msg="two words" v=5', {"ts": "2026-01-01T00:00", "msg": "two words", "v": "5"}),
+        ("ax= ay=2", {"ax": "", "ay": "2"}),
+        ('{"t": 1.50, "imu": {"acc": [0.1, -9.8]}}', {"t": "1.50", "imu.acc[0]": "0.1", "imu.acc[1]": "-9.8"}),
+        ('{"ts":1700000000000,"values":{"temp":"21.5"}}', {"ts": "1700000000000", "values.temp": "21.5"}),
+        ('{"a": null, "b": true, "c": NaN}', {"a": "", "b": "true", "c": "NaN"}),
+    ],
+)
+def test_the_pairs_of_a_line(line, pairs):
+    found = find_labels(line)
+    assert found is not None
+    assert dict(found) == pairs
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "5=6",
+        "Temp: 21.5 C and rising: slowly",
+        "=",
+        "a==b",
+        'msg="cut v=1',
+        "{",
+        "{}",
+        "[1]",
+        '{"a":' * 5000,
+        '{"a": ' + "[" * 30000,
+        "ets Jun  8 2016 00:22:57",
+    ],
+)
+def test_lines_that_hold_no_pairs(line):
+    assert find_labels(line) is None
+
+
+def test_an_object_of_very_many_values_is_no_row():
+    assert find_labels(f'{{"a": {[1] * MAX_VALUES}}}') is not None
+    assert find_labels(f'{{"a": {[1] * (MAX_VALUES + 1)}}}') is None
 
 
 def events_of(data, pieces=None, options=DEFAULTS):
@@ -32,32 +90,6 @@ def only(line, before=b""):
     event, layout = events[-1], parser.layout
     values = {layout.columns[i].name: event.rows[-1][i] for i in layout.channels} if event.rows else {}
     return event.kind, values, event.issues
-
-
-NOT_NUMBERS = ["1 2", "1_000", "12abc", "0x1F", "-inf", "1e999", "ERR", "1,5", "--1", ".", "٣", "1.2.3", "e5"]
-
-
-@pytest.mark.parametrize("cell", NOT_NUMBERS)
-def test_what_is_no_finite_decimal_number_is_none(cell):
-    assert parse_number(cell) is None
-
-
-@pytest.mark.parametrize(
-    ("line", "delimiter", "cells"),
-    [
-        ("1, 2 ,3\n", ",", ["1", "2", "3"]),
-        ("1,,3", ",", ["1", "", "3"]),
-        ("  1   2\t3 \n", " ", ["1", "2", "3"]),
-        ("1\t\t3", "\t", ["1", "", "3"]),
-        ('"a, b",2', ",", ["a, b", "2"]),
-        ('1 "a b" 3', " ", ["1", "a b", "3"]),
-        ('0.09,"20.1,5.0', ",", ["0.09", '"20.1', "5.0"]),
-        ('" 3"25,1', ",", ['" 3"25', "1"]),
-        ("\n", " ", []),
-    ],
-)
-def test_fields_are_split_at_the_delimiter_and_never_beyond_the_line(line, delimiter, cells):
-    assert split_fields(line, delimiter) == cells
 
 
 NAN = math.nan
@@ -132,12 +164,6 @@ def test_a_stream_waits_for_the_rows_that_were_chosen(options):
     assert parser.adopt_layout(["Logger v1.2"]) is None
 
 
-def test_colours_of_a_terminal_are_no_damage():
-    lines = (b"\x1b[0;32mI (%d) app: temp=%d.5\x1b[0m\n" % (1000 + 10 * i, 20 + i) for i in range(9))
-    rows = [event.rows[0] for event in events_of(b"".join(lines))[1] if event.kind == "row"]
-    assert rows == [(1000 + 10 * i, 20.5 + i) for i in range(9)]
-
-
 def test_teleplot_lines_bring_stamps_and_units_and_all_else_is_text():
     parser, events = events_of("setup done\n>t:5:3.5§degC\nlog 5\n>t:6:nan\n>t:x\n".encode())
     assert [event.kind for event in events] == ["text", "row", "text", "row", "rejected"]
@@ -147,13 +173,6 @@ def test_teleplot_lines_bring_stamps_and_units_and_all_else_is_text():
 
 def names_in(parser):
     return [column.name for column in parser.layout.columns]
-
-
-def test_each_new_variable_of_teleplot_has_its_column_at_once():
-    parser, events = events_of("".join(f">{name}:{i}\n" for i, name in enumerate("abcdeaf")).encode())
-    assert [event.kind for event in events] == ["row"] * 7
-    assert names_in(parser) == list("abcdef")
-    assert events[-1].rows[0][5] == 6.0
 
 
 @pytest.mark.slow
@@ -182,12 +201,6 @@ def test_variables_that_come_together_are_known_before_the_first_is_read():
 
 def checked(payload):
     return f"{payload}*{reduce(int.__xor__, payload.encode(), 0):02X}"
-
-
-def test_the_checksum_is_that_of_nmea_0183():
-    payload = "GPGGA,092750.000,5321.6802,N,00630.3372,W,1,8,1.03,61.7,M,55.2,M,,"
-    assert split_checksum(f"${payload}*76") == (payload, 0x76, 0x76)
-    assert split_checksum("1,2,3") is None
 
 
 def test_a_right_checksum_is_taken_off_and_a_wrong_one_rejects_the_line():

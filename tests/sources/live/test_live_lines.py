@@ -1,5 +1,7 @@
 """Lines of a port: the first after an opening, boot text, another program on the board; every line is counted."""
 
+from __future__ import annotations
+
 import re
 from itertools import pairwise
 
@@ -142,17 +144,6 @@ def test_a_header_with_blanks_and_digits_is_no_row_also_where_the_board_starts_t
     assert stream.rows == [(0.5, 0.25), (1.5, 1.25)]
 
 
-def test_noise_of_a_wrong_baud_rate_is_recognised_and_a_good_line_ends_it():
-    rng = np.random.default_rng(1)
-    stream = Stream()
-    for _ in range(30):
-        stream.feed(rng.integers(0, 256, 100, dtype=np.uint8).tobytes(), 0.1)
-    assert stream.lines.wrong_baud
-    assert stream.rows == []
-    stream.reopen().feed(b"x\n1,2\n3,4\n", 0.1)
-    assert not stream.lines.wrong_baud
-
-
 SEED = b"# boot\r\nms,a,b\r\n" + b"".join(b"%d,%d,%d\r\n" % (i, i * 3 % 7, i) for i in range(40))
 
 
@@ -197,3 +188,29 @@ def test_whatever_program_was_on_the_board_the_next_one_is_read(before, row):
             stream.feed((form.format(*((7 * i + 3 * k) % 11 for k in range(60))) + "\n").encode())
     assert stream.events[-1].kind == "row"
     assert np.count_nonzero(np.isfinite(stream.events[-1].rows[0])) == row.count("{}")
+
+
+ENDS = st.lists(st.sampled_from([b"\n", b"\r\n", b"\r"]), min_size=1, max_size=40)
+
+
+@given(ENDS, st.lists(st.integers(1, 9), min_size=1), st.data())
+def test_every_line_is_read_whole_or_counted(ends, sizes, data):
+    """However fast the consumer is: the lines read and those dropped are the lines sent, none is half of two."""
+    sent = list(range(100, 100 + len(ends)))
+    stream = b"".join(b"%d" % number + end for number, end in zip(sent, ends, strict=True))
+    lines, rows = LiveLines(ReadOptions()), []
+    lines.opened(0.0, "at a line")
+
+    at, cut = 0, 0
+    while at < len(stream):
+        piece = stream[at : at + sizes[cut % len(sizes)]]
+        at, cut = at + len(piece), cut + 1
+        if data.draw(st.booleans()):
+            lines.overrun(piece)
+        else:
+            received = BytesReceived(piece, cut, cut + 1, 0.0)
+            rows += [event.rows[0][0] for event in lines.feed(received) if event.kind == "row"]
+    assert rows == sorted(set(rows) & set(sent))
+    counts = lines.counts
+    assert counts.received == len(sent)
+    assert (counts.accepted, counts.rejected, counts.dropped) == (len(rows), 0, len(sent) - len(rows))

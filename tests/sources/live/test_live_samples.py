@@ -1,32 +1,19 @@
-"""Variables that come together are one sample of several channels."""
+"""Samples of a stream: kept in order, timed truly after every pause, whatever the board's counter does."""
 
 import math
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
+from kalscope.sources.grammar.timestamps import TimeColumn
 from kalscope.sources.live.lines import LineCounts
-from kalscope.sources.live.samples import ArrivedRow, LiveSamples, gathered
+from kalscope.sources.live.samples import ArrivedRow, LiveSamples, LiveTime, SampleStore
 from kalscope.sources.port.registry import PortSpec
 from kalscope.sources.reading.line_parser import LineParser
 
 NAN = math.nan
-
-
-@pytest.mark.parametrize(
-    ("rows", "expected"),
-    [
-        ([(5, 1, NAN), (5, NAN, 2)], [(5, 1, 2)]),
-        ([(5, 1, NAN), (6, NAN, 2)], [(5, 1, NAN), (6, NAN, 2)]),  # another moment of the board
-        ([(NAN, 1, NAN), (NAN, NAN, 2)], [(NAN, 1, 2)]),  # no stamps: they came in one read
-        ([(5, 1, NAN), (5, 2, NAN)], [(5, 1, NAN), (5, 2, NAN)]),  # twice the same variable
-        ([(5, NAN, NAN), (5, 1, NAN), (5, NAN, 2)], [(5, 1, 2)]),
-    ],
-)
-def test_rows_of_one_moment_are_one_row(rows, expected):
-    arrived = [ArrivedRow(float(i), stamp, tuple(values)) for i, (stamp, *values) in enumerate(rows)]
-    found = [(row.stamp, *row.values) for row in gathered(arrived)]
-    np.testing.assert_equal(found, expected)
 
 
 def test_a_topic_that_is_new_later_gets_a_column_and_the_others_keep_their_samples():
@@ -48,3 +35,93 @@ def test_a_topic_that_is_new_later_gets_a_column_and_the_others_keep_their_sampl
     again = say(6, b">c:600\n")  # 5 rows fit, 4 are to be kept: the first two leave
     assert (again.first, again.recording.names) == (2, ("a", "b", "c"))
     np.testing.assert_array_equal(again.recording.values[[0, -1]], [[3, NAN, NAN], [NAN, NAN, 600]])
+
+
+def numbered(begin, end):
+    numbers = np.arange(begin, end, dtype=float)
+    return numbers / 10, np.column_stack([numbers, -numbers])
+
+
+@given(st.integers(1, 50), st.lists(st.integers(0, 60), max_size=20))
+def test_the_last_samples_are_kept_in_order_and_views_never_change(keep, pieces):
+    store, came, views = SampleStore(2, keep), 0, []
+    for count in pieces:
+        store.append(*(part.tolist() for part in numbered(came, came + count)))
+        came += count
+        assert store.end == came
+        assert min(keep, came) <= len(store) <= keep + max(keep // 4, 1)
+        views.append((store.views(), numbered(store.first, came)))
+    for found, expected in views:
+        for view, numbers in zip(found, expected, strict=True):
+            np.testing.assert_array_equal(view, numbers)
+            assert not view.flags.writeable
+
+
+def rows(hosts, stamps):
+    return [ArrivedRow(host, stamp, (float(i),)) for i, (host, stamp) in enumerate(zip(hosts, stamps, strict=True))]
+
+
+def times_of(clock, hosts, stamps=None):
+    stamps = [math.nan] * len(hosts) if stamps is None else stamps
+    return np.array(clock.place(rows(hosts, stamps))[0])
+
+
+@pytest.mark.parametrize(("unit", "scale"), [("s", 1.0), ("ms", 1e-3), ("us", 1e-6), ("ns", 1e-9)])
+@pytest.mark.parametrize("speed", [1.0, 12.0])
+@pytest.mark.parametrize("is_named", [True, False])
+def test_stamps_are_the_time_and_a_unit_without_name_is_found_by_the_clock_of_the_host(
+    unit, scale, speed, is_named
+):
+    clock = LiveTime(TimeColumn(0, "number", unit if is_named else ""))
+    true = np.arange(200) * 0.01
+    time = times_of(clock, (7 + true / speed).tolist(), (true / scale).tolist())
+    np.testing.assert_allclose(time, true, atol=1e-9)
+
+
+def test_stamps_that_stand_still_are_no_time():
+    clock = LiveTime(TimeColumn(0, "number", ""))
+    time = times_of(clock, (np.arange(100) * 0.01).tolist(), [3.0] * 100)
+    np.testing.assert_allclose(time, np.arange(100) * 0.01, atol=1e-9)
+
+
+def test_a_counter_that_wraps_is_counted_on():
+    true = np.arange(100) * 10.0 + 2.0**32 - 500
+    clock = LiveTime(TimeColumn(0, "number", "ms"))
+    time = times_of(clock, (np.arange(100) * 0.01).tolist(), np.mod(true, 2.0**32).tolist())
+    np.testing.assert_allclose(time, np.arange(100) * 0.01, atol=1e-6)
+
+
+def test_a_clock_goes_on_over_midnight():
+    clock = LiveTime(TimeColumn(0, "clock"))
+    stamps = [(86398 + i) % 86400 * 1e6 for i in range(5)]
+    np.testing.assert_allclose(times_of(clock, [float(i) for i in range(5)], stamps), np.arange(5), atol=1e-6)
+
+
+def test_the_time_axis_of_a_board_that_restarts_continues_by_the_time_that_has_passed():
+    clock = LiveTime(TimeColumn(0, "number", "ms"))
+    first = times_of(clock, [0.0, 0.01, 0.02], [50_000.0, 50_010.0, 50_020.0])
+    again = times_of(clock, [1.62, 1.63, 1.64], [3.0, 13.0, 23.0])
+    np.testing.assert_allclose(np.concatenate([first, again]), [0, 0.01, 0.02, 1.62, 1.63, 1.64], atol=1e-9)
+
+
+@pytest.mark.parametrize("column", [None, TimeColumn(0, "number", "ms")])
+@pytest.mark.parametrize("restarted", [False, True])
+def test_after_an_interruption_time_jumps_by_the_true_pause_and_one_row_is_missing(column, restarted):
+    clock = LiveTime(column)
+    times_of(clock, [0.0, 0.01, 0.02], [70_000.0, 70_010.0, 70_020.0])
+    clock.interrupt()
+    start = 80_000.0 if restarted else 130_020.0
+    time, values = clock.place(rows([60.02, 60.03], [start, start + 10]))
+    np.testing.assert_allclose(time, [0.03, 60.02, 60.03], atol=1e-6)
+    assert math.isnan(values[0][0])
+    assert values[1:] == [(0.0,), (1.0,)]
+    assert clock.period == pytest.approx(0.01)
+
+
+def test_one_damaged_stamp_moves_nothing_but_itself():
+    stamps = [10.0 * i for i in range(20)]
+    stamps[7], stamps[13] = 99_999_999.0, 20.0
+    clock = LiveTime(TimeColumn(0, "number", "ms"))
+    time = times_of(clock, (np.arange(20) * 0.01).tolist(), stamps)
+    assert (np.diff(time) >= 0).all()
+    np.testing.assert_allclose(time, np.arange(20) * 0.01, atol=0.02)

@@ -160,15 +160,6 @@ def test_an_opening_says_where_its_first_byte_is(starts, kept_values, counts, wa
 
 
 @pytest.mark.slow
-def test_the_names_of_a_stream_that_begins_at_a_line_may_change_with_each_opening(wait_for):
-    first = ScriptedPort([b"heat,light\n2,0\n3,0\n", LOST], "at a line")
-    second = ScriptedPort([b"force,way\n4,0\n5,0\n"], "at a line")
-    source = LiveSource("x", reader=PortReader(PortSpec("x"), opener=scripted(first, second)))
-    with source as live:
-        wait_for(lambda: live.snapshot() is not None and live.snapshot().recording.names == ("force", "way"))
-
-
-@pytest.mark.slow
 def test_what_the_other_side_keeps_is_never_dropped(monkeypatch, wait_for):
     monkeypatch.setattr("kalscope.sources.live.source.MAX_WAITING_BYTES", 10_000)
     monkeypatch.setattr("kalscope.sources.port.reader._KEPT_BYTES", 5_000)

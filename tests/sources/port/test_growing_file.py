@@ -5,12 +5,10 @@ import os
 import numpy as np
 import pytest
 
-from kalscope.catalogue import open_source
 from kalscope.errors import BadDevice, BadSetting
 from kalscope.sources.grammar.read_options import ReadOptions
 from kalscope.sources.live.source import LiveSource
 from kalscope.sources.port.far_side import GrowingFile
-from kalscope.sources.port.registry import is_live
 from kalscope.sources.reading.recording_file import read_recording
 
 pytestmark = pytest.mark.usefixtures("no_thread_left")
@@ -114,9 +112,3 @@ def test_a_replaced_file_is_a_gap_and_its_new_lines_follow(log, wait_for, replac
         assert (status.received, status.accepted, status.rejected, status.dropped) == (8, 5, 0, 3)
         with pytest.raises(BadDevice, match="nothing can be sent there: it is only read"):
             live.send("q1")
-
-
-def test_a_followed_file_is_read_once_where_something_finished_is_wanted(log):
-    log.write_text("t [s],heat\n0,1\n0.1,2\n")
-    assert is_live(f"file:{log}")
-    assert len(open_source(f"file:{log}")) == 2

@@ -1,4 +1,4 @@
-"""How a recording was read, in one line, in warnings and in full."""
+"""How a recording was read, in one line, in warnings and in full; each refusal says where and what to try."""
 
 import json
 from dataclasses import replace
@@ -8,6 +8,7 @@ import pytest
 
 from kalscope.cli.tune_answer import finite
 from kalscope.common.text import THIN_SPACE
+from kalscope.errors import BadFile
 from kalscope.recording import LineIssue, ReadReport, Recording
 from kalscope.sources.grammar.read_options import options_from_text
 from kalscope.sources.reading.account import account, as_plain, summary, warnings
@@ -30,16 +31,6 @@ def test_a_clean_file_is_summed_up_in_one_line_with_its_many_comments(read):
     assert summary(read(["# a remark", *ROWS])) == "200 rows, 2 channels, 50.0 Hz"
     assert summary(read([*["# a remark"] * 9, *ROWS])).endswith("50.0 Hz; 9 comment and text lines")
     assert warnings(read(ROWS)) == ()
-
-
-SPOILT = {"12.3,4": "must have 3 fields", "1.0,2.0,\x013.0": "must be printable text"}
-
-
-@pytest.mark.parametrize(("line", "why"), SPOILT.items())
-def test_rejected_lines_are_counted_with_their_reason(read, line, why):
-    recording = read([*ROWS[:100], line, *ROWS[100:]])
-    assert f"; 1 line rejected: {why}" in summary(recording)
-    assert warnings(recording) == ()
 
 
 def test_more_than_two_percent_of_rejected_lines_are_a_warning(read):
@@ -78,3 +69,63 @@ def test_nothing_unprintable_of_a_file_is_said():
     recording = Recording(np.arange(9.0), ("a",), ("",), np.zeros((9, 1)), None, report)
     said = [summary(recording), *warnings(recording), *account(recording).splitlines()]
     assert all(c.isprintable() or c == THIN_SPACE for line in said for c in line)
+
+
+LFS = "version https://git-lfs.github.com/spec/v1\noid sha256:4d7a214614ab2935c943f9e0ff69d22e\n"
+WORDS = ["boot ok", "sensor found", "reading", "wait 3 s", "again", "no answer", "", "still nothing"]
+
+REFUSED = {
+    "empty": ("", ["empty file"]),
+    "blank": ("\n\n# nothing yet\n\n", ["must hold lines of numbers", "4 blank or comment lines"]),
+    "only a header": ("\nt,temp,dist\n", ["below its header", "only line 2: 't,temp,dist'"]),
+    "a pointer": (f"{LFS}size 48211\n", ["Git LFS pointer", "git lfs pull"]),
+    "a web page": (
+        "\n<!DOCTYPE html>\n<html><body>404</body></html>\n",
+        ["a web page", "line 2", "download the file itself"],
+    ),
+    "a page without its type": ("<html>\n<p>1,2,3\n</html>\n", ["a web page"]),
+    "a track": ('<?xml version="1.0"?>\n<gpx>\n<ele>1.5</ele>\n</gpx>\n', ["an XML document", "line 1"]),
+    "words": (
+        "\n".join(WORDS * 9),
+        ["must be a table of numbers", "text such as line 72: 'still nothing'", "try --"],
+    ),
+    "no width in common": (
+        "".join(f"{','.join(['1.5'] * (2 + i % 7))}\n" for i in range(50)),
+        ["all of one width", "2 fields in line 1, 3 fields in line 2", "lines of one width"],
+    ),
+    "too wide": (
+        ",".join(f"c{i}" for i in range(300)) + "\n" + (",".join(map(str, range(300))) + "\n") * 50,
+        ["at most 256 columns", "300 fields in line 2", "write the columns"],
+    ),
+    "only times": ("time,state\n" + "".join(f"{i},ok\n" for i in range(30)), ["besides the time", "'29,ok'"]),
+    "binary": ("ab\n\x00\x01\x02\x00\x05", ["binary data", "0x00, on line 2"]),
+}
+
+
+@pytest.mark.parametrize(("text", "said"), REFUSED.values(), ids=REFUSED)
+def test_a_refusal_says_where_and_what_to_try(tmp_path, text, said):
+    path = tmp_path / "log.csv"
+    path.write_text(text, encoding="utf-8", newline="")
+    with pytest.raises(BadFile) as refused:
+        read_recording(path)
+    message = str(refused.value)
+    assert message.startswith("log.csv must ")
+    assert "(got" in message
+    assert [words for words in said if words not in message] == []
+    assert "\n" not in message
+    assert len(message) < 400
+
+
+def test_options_that_leave_no_table_are_named(tmp_path):
+    path = tmp_path / "log.csv"
+    path.write_text("".join(f"{i};{i % 3}.5;x\n" for i in range(50)))
+    read_recording(path)
+    with pytest.raises(BadFile, match=r"leave out --delimiter bar"):
+        read_recording(path, options_from_text(delimiter="bar"))
+
+
+def test_a_head_that_promised_more_than_the_lines_hold_names_the_first(tmp_path):
+    path = tmp_path / "log.csv"
+    path.write_text("1,2*00\n3,4*00\n5,6*00\n" * 20)
+    with pytest.raises(BadFile, match=r"60 rejected lines, line 1: must end with the checksum .* '1,2\*00'"):
+        read_recording(path)

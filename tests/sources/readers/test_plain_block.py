@@ -19,26 +19,6 @@ from kalscope.sources.reading.line_reader import LineReader
 from kalscope.sources.reading.recording_file import read_recording
 from kalscope.sources.reading.sniffer import Layout
 
-CLEAN = "t,a,b\n" + "".join(f"{0.01 * i:.2f},{20 + 0.37 * i:.4f},{-3 + 0.01 * i * i:.3f}\n" for i in range(40))
-UNTIMED = "a;b\n" + "".join(f"{i * 7 % 11};{i * 0.5}\n" for i in range(40))
-SEEDS = {
-    "commas": CLEAN,
-    "blanks after commas": CLEAN.replace(",", ", "),
-    "tabs": CLEAN.replace(",", "\t"),
-    "returns": CLEAN.replace("\n", "\r\n"),
-    "preamble": f"# c\n\nboot\n{CLEAN}",
-    "bom": f"\ufeff{CLEAN}",
-    "bom without header": "\ufeff" + CLEAN.partition("\n")[2],
-    "degrees": CLEAN.replace("a,", "a [°C],", 1),
-    "untimed": UNTIMED,
-    "one column": "".join(f"{i * 7 % 11 + 0.5}\n" for i in range(40)),
-    "trailing delimiters": CLEAN.replace("\n", ",,\n"),
-    "missing": CLEAN.replace("20.3700", "nan").replace("21.1100", "").replace("22.2200", "NULL"),
-    "dates": "time,a\n" + "".join(f"2026-05-01 10:00:{i:02},{i % 7}.5\n" for i in range(40)),
-    "units": "t,a\n" + "".join(f"{i / 8},{i % 7}.5 C\n" for i in range(40)),
-    "text": "t,state,a,note\n" + "".join(f"{i},ok {i},{i / 8},up\n" for i in range(40)),
-}
-
 
 @pytest.fixture
 def by_line(monkeypatch):
@@ -53,17 +33,6 @@ def by_line(monkeypatch):
     monkeypatch.setattr(csv_rows, "LineReader", Spy)
     monkeypatch.setattr(csv_rows, "MAX_BYTES_BY_LINE", 0)
     return lines
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", SEEDS)
-def test_a_table_takes_no_line_reader_and_is_the_same(tmp_path, by_line, name):
-    path = tmp_path / "log.csv"
-    path.write_bytes(SEEDS[name].encode())
-    by_line.clear()
-    read_recording(path)
-    assert by_line == []
-    assert_same_by_line(path)
 
 
 def rows_of(form, width, lines):

@@ -1,4 +1,5 @@
-import hashlib
+"""What a file holds: bytes, encodings, lines, the order of its rows; what is none is refused by name."""
+
 import math
 from datetime import datetime, timedelta
 
@@ -8,9 +9,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from kalscope.common import files
-from kalscope.errors import BadFile, BadSetting, NoMemory
+from kalscope.common.progress import Progress
+from kalscope.errors import BadFile, BadSetting, Cancelled, NoMemory
+from kalscope.sources.reading import recording_file, text_file
 from kalscope.sources.reading import rows as csv_rows
 from kalscope.sources.reading.recording_file import read_recording
+from kalscope.sources.reading.text_file import open_raw
 
 
 def _accounted(recording):
@@ -20,29 +24,6 @@ def _accounted(recording):
 
 
 CLEAN = "t,a,b\n" + "".join(f"{0.01 * i:.2f},{20 + 0.37 * i:.4f},{-3 + 0.01 * i * i:.3f}\n" for i in range(40))
-
-
-def _oracle(text):
-    rows = [[float(cell) for cell in line.split(",")] for line in text.splitlines()[1:]]
-    return np.array(rows)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "latin-1"])
-@pytest.mark.parametrize("newline", ["\n", "\r\n", "\r"])
-@pytest.mark.parametrize("delimiter", [",", ";", "\t", "|", "  "])
-def test_every_dialect_reads_as_the_same_recording(read, encoding, newline, delimiter):
-    content = CLEAN.replace(",", delimiter).replace("\n", newline)
-    recording = read(content, encoding=encoding)
-    expected = _oracle(CLEAN)
-    np.testing.assert_array_equal(recording.time, expected[:, 0])
-    np.testing.assert_array_equal(recording.values, expected[:, 1:])
-    assert recording.names == ("a", "b")
-    assert recording.sample_period == 0.01
-    assert (recording.report.rows, recording.report.headers, recording.report.lines) == (40, 1, 41)
-    assert recording.report.issues == ()
-    assert recording.title == "log.csv"
-    assert recording.sha256 == hashlib.sha256(content.encode(encoding)).hexdigest()
 
 
 def test_a_cell_that_is_no_number_is_a_missing_sample_with_line_column_and_text(read):
@@ -109,13 +90,6 @@ def test_comments_blank_lines_and_repeated_headers_are_counted_as_such(read):
     assert _accounted(recording)
 
 
-def test_a_given_sample_period_overrides_and_gives_time_where_there_is_none(read):
-    assert read("t,a\n0,1\n1,2\n", period=0.5).sample_period == 0.5
-    recording = read("a,b\n1,2\n3,4\n5,6\n", period=0.5)
-    assert recording.sample_period == 0.5
-    assert recording.time.tolist() == [0.0, 0.5, 1.0]
-
-
 @pytest.mark.parametrize("period", [0, -1, math.nan, math.inf, 1e-60, "long"])
 def test_a_sample_period_must_be_positive_and_finite_which_is_checked_before_the_file_is_opened(period):
     with pytest.raises(BadSetting, match="sample period must be"):
@@ -127,24 +101,6 @@ def test_the_first_hundred_issues_are_kept_and_all_are_counted(read):
     assert recording.report.bad_cells == 500
     assert len(recording.report.issues) == 100
     assert recording.report.issues[0].line == 3
-
-
-@pytest.mark.parametrize(
-    ("content", "said"),
-    [
-        (b"t,a\n0,nan\n1,\n2,nan\n", "at least one number"),
-        (b"\x89PNG\r\n\x1a\n" + bytes(100), "PNG"),
-        (b"5.0", "newline"),
-    ],
-)
-def test_what_holds_no_recording_is_refused_in_one_line(tmp_path, content, said):
-    path = tmp_path / "bad.csv"
-    path.write_bytes(content)
-    with pytest.raises(BadFile, match=said) as caught:
-        read_recording(path)
-    assert "\n" not in str(caught.value)
-    assert "must" in str(caught.value)
-    assert "got" in str(caught.value)
 
 
 def test_a_missing_file_a_folder_and_an_impossible_name_are_bad_files(tmp_path):
@@ -245,3 +201,66 @@ def test_a_header_far_below_a_long_preamble_names_the_columns(tmp_path):
     assert recording.names == ("temp",)
     assert len(recording) == 20_000
     assert f"names from line {len(above) + 1}" in recording.report.notes
+
+
+TEXT = "t,T (°C)\n" + "".join(f"{i / 100:.2f},{20 + i / 8:.3f}\n" for i in range(40))
+NULS = "must be printable text (got NUL bytes)"
+
+
+@pytest.mark.parametrize("size", [16, 4096, 500_000])
+def test_a_part_that_was_never_written_is_one_rejected_line(read, size):
+    text = TEXT.encode()
+    report = read(text[:300] + bytes(size) + b"\n" + text[300:].partition(b"\n")[2]).report
+    assert (report.rejected, report.issues[0].reason) == (1, NULS)
+    assert report.rows >= 38
+
+
+@pytest.mark.parametrize(
+    ("data", "what"),
+    [
+        (b"PK\x03\x04" + bytes(50), "zip archive"),
+        (b"RIFF\x24\x00\x00\x00WAVE", "WAV"),
+        (b"BZh91AY", "an archive"),
+        (bytes(range(256)) * 20, "binary data"),
+        (bytes(1000), "0x00, on line 1"),
+    ],
+)
+def test_what_is_no_text_is_named(read, data, what):
+    with pytest.raises(BadFile, match=what):
+        read(data)
+
+
+def test_leaving_a_file_early_does_not_wait_for_its_hash(tmp_path, monkeypatch):
+    path = tmp_path / "log.csv"
+    path.write_bytes(TEXT.encode() + bytes(1 << 21))
+    monkeypatch.setattr(text_file, "_CHUNK", 1)
+    with open_raw(path, Progress()) as raw:
+        pass
+    assert isinstance(raw.digest.exception(), Cancelled)
+
+
+@pytest.mark.parametrize("at", ["_sha256", "plain_lines", "find_encoding"])
+def test_a_drive_that_is_pulled_out_is_a_refusal(tmp_path, monkeypatch, at):
+    def fail(*_):
+        raise OSError(5, "Input/output error")
+
+    path = tmp_path / "log.csv"
+    path.write_text("\x1b[0m" + TEXT)
+    monkeypatch.setattr(text_file if at == "_sha256" else recording_file, at, fail)
+    with pytest.raises(BadFile, match=r"reading .* failed midway: .*Input/output error"):
+        read_recording(path)
+
+
+@pytest.mark.parametrize(
+    "middle", [b"9" * 5000, b"\0" * 5000, b"1," * 2500, b"1.5"], ids=["digits", "nul", "cells", "row"]
+)
+def test_an_endless_line_costs_its_beginning_and_nothing_else(tmp_path, monkeypatch, middle):
+    monkeypatch.setattr(text_file, "MAX_LINE", 1000)
+    monkeypatch.setattr(csv_rows, "BLOCK_SIZE", 100)
+    rows = b"".join(b"%d,%d\n" % (i, i * i % 7) for i in range(300))
+    path = tmp_path / "log.csv"
+    path.write_bytes(b"t,x\n" + rows + b"300," + middle + b"\n" + rows.replace(b",", b"00,"))
+    recording = read_recording(path)
+    assert np.count_nonzero(np.isfinite(recording.channel("x"))) == 600 + (middle == b"1.5")
+    report = recording.report
+    assert report.rejected + report.bad_cells == (middle != b"1.5")

@@ -280,16 +280,6 @@ def test_a_file_that_another_program_cuts_or_deletes_is_an_error_at_the_next_wri
         recorder.close()
 
 
-def test_closing_on_a_full_disk_counts_its_lines_as_dropped(tmp_path, monkeypatch):
-    path = tmp_path / "run.csv"
-    hand_over(recorder := new_recorder(path), b"1,2\n3,4\n")
-    monkeypatch.setattr(recorder_module.os, "write", FullDisk(5, errno.EDQUOT))
-    hand_over(recorder, b"5,6\n7,8\n", at=STARTED + 1)
-    assert recorder.close() == RecorderCounts(4, 2, 0, 2, 2)
-    assert len(data_lines(path)) == 2
-    assert "the disk refuses (Disk quota" in recorder.error
-
-
 def test_a_disk_that_does_not_confirm_is_an_error(tmp_path, monkeypatch):
     def sync(_fd):
         raise OSError(errno.EIO, "Input/output error")

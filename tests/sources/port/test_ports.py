@@ -1,0 +1,227 @@
+"""What the user types for a port, and the thread that reads it: every failure is one sentence."""
+
+import errno
+from itertools import count
+from queue import Empty
+
+import pytest
+from scripted_port import ScriptedPort, scripted
+from serial.tools.list_ports_common import ListPortInfo
+
+from kalscope.catalogue import open_source
+from kalscope.errors import BadDevice, BadSetting
+from kalscope.sources.port import serial_port
+from kalscope.sources.port.reader import READ_TIMEOUT, BytesReceived, Clock, Disconnected, PortReader
+from kalscope.sources.port.registry import PortSpec, is_live, port_of
+from kalscope.sources.port.serial_port import PortInfo, SerialPort, list_ports
+
+pytestmark = pytest.mark.usefixtures("no_thread_left")
+
+TYPED = {
+    "serial:/dev/ttyACM0@9600": ("/dev/ttyACM0", 9600),
+    "serial:/dev/ttyACM0": ("/dev/ttyACM0", 115200),
+    "/dev/cu.usbmodem1101": ("/dev/cu.usbmodem1101", 115200),
+    "COM3@9600": ("COM3", 9600),
+    " serial:COM12@250000 ": ("COM12", 250000),
+    "SERIAL:COM3@1": ("COM3", 1),
+    "socket://192.168.1.20:3333": ("socket://192.168.1.20:3333", 115200),
+    "UDP://[::1]:47269": ("UDP://[::1]:47269", 115200),
+    "udp://:47269": ("udp://:47269", 115200),
+    "mqtt://ada@[::1]:1883/home/ada%40x.org/t": ("mqtt://ada@[::1]:1883/home/ada%40x.org/t", 115200),
+    "mqtt://broker/ada@x.org/t": ("mqtt://broker/ada@x.org/t", 115200),
+    "ssh://me@pi:2222/home/a%40b/log.csv": ("ssh://me@pi:2222/home/a%40b/log.csv", 115200),
+    "ssh://pi/home/a@b/log.csv": ("ssh://pi/home/a@b/log.csv", 115200),
+    "file:/tmp/a:b@c/log.csv": ("file:/tmp/a:b@c/log.csv", 115200),
+    "file:///tmp/a:b@c.csv": ("file:///tmp/a:b@c.csv", 115200),
+}
+
+
+@pytest.mark.parametrize("text", TYPED)
+def test_a_port_is_read_as_it_is_typed_and_written(text):
+    spec = port_of(text)
+    assert spec == PortSpec(*TYPED[text])
+    assert port_of(spec.text) == spec
+    assert is_live(spec.text)
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        *[(text, "got") for text in ("", "serial:", "serial:@9600", "COM3@-1", "COM3@0", "COM3@1e6")],
+        *[(text, "baud rate must be a whole number") for text in ("COM3@", "/dev/serial/by-id/usb-a@b")],
+        ("ssh://pi:2222/dev/ttyACM0@fast", r"baud rate must be a whole number.*'fast'"),
+        *[
+            (f"socket://{rest}", "must be socket://host:port")
+            for rest in ("host", ":3333", "host:", "a:b", "a:70000")
+        ],
+        *[
+            (f"udp://{rest}", "must be udp://host:port")
+            for rest in ("", ":", ":0", ":70000", "a b:1", "1", "u@h:1")
+        ],
+        ("file:", "must be file:PATH"),
+        ("loop://x", "must begin with one of"),
+    ],
+)
+def test_what_names_no_port_is_refused_with_what_came(text, says):
+    with pytest.raises(BadSetting, match=says):
+        port_of(text)
+
+
+LIVE = ["serial:x", "Serial:COM3@9600", "COM3", "COM3@9600", "/dev/ttyUSB0", "/dev/cu.usb@9600", "socket://"]
+LIVE += ["/dev/pts/3", r"\\.\COM12"]
+FINISHED = ["demo", "sample:flex_sensor", r"C:\x.csv", "C:/COM3.csv", "COM3.csv", "socket.csv", ""]
+FINISHED += ["http://x/y.csv", "loop://x", "./serial", "/dev/null", "experiment:x", "a@9600"]
+
+
+@pytest.mark.parametrize(("spec", "live"), [(s, True) for s in LIVE] + [(s, False) for s in FINISHED])
+def test_a_port_streams_and_a_file_is_finished(spec, live):
+    assert is_live(spec) is live
+    if live:
+        with pytest.raises(BadSetting, match="a board that streams"):
+            open_source(spec)
+
+
+@pytest.mark.parametrize(
+    ("address", "shown"),
+    [
+        ("mqtt://ada@x.org:123/rest@host/topic", "mqtt://ada@x.org:…@host/topic"),
+        ("mqtts://ada:123/re@st@host/topic", "mqtts://ada:…@host/topic"),
+        ("ssh://ada:123/rest@host/dev/ttyACM0@9600", "ssh://ada:…@host/dev/ttyACM0"),
+        ("tcp://ada:123/rest@host:3333", "tcp://ada:…@host:3333"),
+    ],
+)
+def test_a_password_that_reads_as_a_port_is_refused_and_not_repeated(address, shown):
+    with pytest.raises(BadSetting, match="must hold no password") as error:
+        port_of(address)
+    assert shown in str(error.value)
+    assert "st@" not in str(error.value)
+
+
+def test_ports_are_listed_by_name_with_what_the_system_says(monkeypatch):
+    found = [ListPortInfo("COM10"), ListPortInfo("COM9")]
+    vars(found[1]).update(description="Uno", serial_number="75", vid=0x2341, pid=0x43)
+    monkeypatch.setattr("serial.tools.list_ports.comports", lambda: found)
+    assert list_ports() == (PortInfo("COM9", "Uno", "75", (0x2341, 0x43)), PortInfo("COM10", "", ""))
+
+
+class LostPort:
+    """What pyserial opens, of a board that goes, or that was never there."""
+
+    def __init__(self, error=None):
+        self.error, self.closed = error, False
+
+    def open(self):
+        if self.error is not None:
+            raise self.error
+
+    def close(self):
+        self.closed = True
+
+
+@pytest.fixture
+def opened(monkeypatch):
+    """Opens a port of pyserial as if it were there."""
+
+    def open_port(raw, last=None, path="/dev/ttyX"):
+        monkeypatch.setattr("serial.serial_for_url", lambda _device, **_: raw)
+        return SerialPort(PortSpec(path), bool, last)
+
+    return open_port
+
+
+@pytest.mark.parametrize(
+    ("error", "words"),
+    [
+        (FileNotFoundError(errno.ENOENT, "No such file"), "is not plugged in"),
+        (PermissionError(errno.EACCES, "Permission denied"), "dialout"),
+        (OSError(errno.EBUSY, "Device or resource busy"), "in use by another program"),
+        (ValueError("Invalid baud rate: 3"), "opened at 115200 baud"),
+    ],
+)
+def test_a_port_that_does_not_open_says_what_to_do(error, words, opened):
+    raw = LostPort(error)
+    with pytest.raises(BadDevice, match=words):
+        opened(raw)
+    assert raw.closed
+
+
+def test_a_board_is_found_again_under_another_name_by_its_serial_number(monkeypatch, opened):
+    listed = [PortInfo("/dev/ttyACM0", "Uno", "75"), PortInfo("/dev/ttyACM1", "other", "9")]
+    monkeypatch.setattr(serial_port, "list_ports", lambda: tuple(listed))
+    first = opened(LostPort(), path="/dev/ttyACM0")
+    listed[0] = PortInfo("/dev/ttyACM7", "Uno", "75")
+    assert opened(LostPort(), first, "/dev/ttyACM0").device == "/dev/ttyACM7"
+
+
+def test_what_is_no_port_says_so(tmp_path):
+    (tmp_path / "log.csv").write_text("1\n")
+    with pytest.raises(BadDevice, match="must be a serial port"):
+        SerialPort(PortSpec(str(tmp_path / "log.csv")), bool, None)
+
+
+def taken(reader):
+    """All items that are there."""
+    items = []
+    while True:
+        try:
+            items.append(reader.items.get_nowait())
+        except Empty:
+            return items
+
+
+@pytest.mark.parametrize(
+    ("error", "says"),
+    [
+        (BadDevice("the cable was pulled"), "the cable was pulled"),
+        (
+            ValueError("filedescriptor out of range in select()"),
+            "x was lost (filedescriptor out of range in select())",
+        ),
+        (RuntimeError(), "x was lost (RuntimeError)"),
+    ],
+)
+def test_whatever_a_port_raises_it_is_closed_and_a_calm_state_says_why(wait_for, error, says):
+    port = ScriptedPort([b"1\n", error], starts="at a line")
+    reader = PortReader(PortSpec("x"), opener=scripted(port))
+    reader.start()
+    wait_for(lambda: reader.state.word == "disconnected, waiting")
+    assert reader.state.reason == says
+    assert port.closed
+    reader.close()
+    opened, *rest = taken(reader)
+    assert opened.starts == "at a line"
+    assert [type(item) for item in rest] == [BytesReceived, Disconnected]
+    assert reader.state.word == "closed"
+
+
+def test_whatever_is_raised_at_an_opening_or_a_write_is_one_sentence(wait_for):
+    def broken(*_):
+        raise RuntimeError("no driver")
+
+    reader = PortReader(PortSpec("x"), opener=broken)
+    with pytest.raises(BadDevice, match=r"x cannot be opened \(no driver\)"):
+        reader.start(require=True)
+    reader.start()  # a thread outlives it, too
+    wait_for(lambda: reader.state.word == "disconnected, waiting")
+    reader.close()
+    port = ScriptedPort([])
+    port.write = broken
+    reader = PortReader(PortSpec("x"), opener=scripted(port))
+    reader.start(require=True)
+    with pytest.raises(BadDevice, match=r"x accepts no data \(no driver\)"):
+        reader.write(b"1")
+    reader.close()
+
+
+def test_silence_is_time_in_which_reads_found_nothing_and_no_late_read(wait_for):
+    ticks = count()  # a second for each look at the clock: all reads are late
+    port = ScriptedPort([b"1", b"2", b"", b"", b"3", b"4"])
+    reader = PortReader(PortSpec("x"), opener=scripted(port), clock=Clock(lambda: float(next(ticks))))
+    reader.start()
+    wait_for(lambda: not port.script)
+    reader.close()
+    items = [item for item in taken(reader) if isinstance(item, BytesReceived)]
+    assert [item.silence for item in items] == [0, 0, 2 * READ_TIMEOUT, 0]
+    moments = [moment for item in items for moment in (item.begin, item.end)]
+    assert moments == sorted(moments)
+    assert len(set(moments)) == 5
