@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 import subprocess
 from dataclasses import replace
 
@@ -11,7 +10,7 @@ import numpy as np
 import pytest
 from exported_program import FUSED, build, in_c, in_cpp
 
-from kalscope import BadSetting, ChannelTuning, Recording, Tuning, export_tuning, kalman_filter
+from kalscope import BadSetting, ChannelTuning, Tuning, export_tuning, kalman_filter
 from kalscope.export.board import momentum_on_board
 from kalscope.export.float32 import filter_float32, without_momentum
 from kalscope.export.job import ExportJob
@@ -150,15 +149,6 @@ def test_json_says_the_filter_and_what_it_computes_with():
             assert {name: one["chain"][name] for name in numbers} == numbers
     plain = export_tuning(Tuning(KALMAN, sample_period=0.01), "json")["kalscope_parameters.json"]
     assert json.loads(plain)["format"] == "kalscope-parameters-1"
-
-
-def test_vectors_are_those_of_the_chain():
-    channel = ChannelTuning("a", "V", 0.5, 2.0, chain=Chain(5, OneEuro(0.01, 0.02, 0.05)))
-    recording = Recording(np.arange(900) * 0.01, ("a",), ("V",), signal()[:, None], 0.01)
-    files = export_tuning(Tuning((channel,), sample_period=0.01), "c", vectors=recording)
-    rows = [line.split(",") for line in files["groundtruth.csv"].splitlines()[1:]]
-    np.testing.assert_array_equal([float(row[2]) for row in rows], channel.filter.run(signal()).x)
-    assert all(math.isnan(float(row[3])) for row in rows)
 
 
 def test_a_growth_that_float_cannot_hold_is_refused_by_name_and_runs_in_double():

@@ -195,10 +195,10 @@ def lines_of(recording):
     return re.sub("nan", lambda _: next(missing), text)
 
 
-def table(text, shape):
-    """The answers of a program: x and k of each channel, in turn."""
-    numbers = np.array(text.split(), dtype=np.float64).reshape(shape[0], shape[1], 2)
-    return numbers[..., 0], numbers[..., 1]
+def assert_same(text, shared):
+    """A program has answered x and k of each channel, in turn, to the last bit."""
+    numbers = np.array(text.replace("NaN", "nan").split(), dtype=np.float64).reshape(*shared.x.shape, 2)
+    np.testing.assert_array_equal(numbers, np.stack([shared.x, shared.k], axis=-1))
 
 
 PYTHON_DRIVER = """\
@@ -214,9 +214,7 @@ for line in sys.stdin:
 def test_python_is_the_same_filter_in_a_bare_interpreter(either, tmp_path):
     write(export_tuning(either.tuning, "python"), tmp_path)
     out = run(sys.executable, "-I", "-S", "-c", PYTHON_DRIVER, tmp_path, stdin=lines_of(either.recording))
-    x, k = table(out, either.x.shape)
-    np.testing.assert_array_equal(x, either.x)
-    np.testing.assert_array_equal(k, either.k)
+    assert_same(out, either)
 
 
 def test_matlab_scripts_are_the_same_filter_in_octave(either, tmp_path):
@@ -258,11 +256,8 @@ def test_json_holds_the_tuned_numbers_and_the_constants_of_a_momentum(either):
         assert ("momentum" in entry) == (channel.momentum > 0.0)
         if named := dict(step_of(channel)):
             named["tau_samples"] = named.pop("momentum")
-            assert entry["momentum"] == {
-                **named,
-                "velocity_gain": steady.velocity_gain,
-                "overshoot": steady.overshoot,
-            }
+            both = {"velocity_gain": steady.velocity_gain, "overshoot": steady.overshoot}
+            assert entry["momentum"] == named | both
 
 
 def test_c_is_the_same_filter_under_gcc(either, tmp_path):
@@ -271,14 +266,12 @@ def test_c_is_the_same_filter_under_gcc(either, tmp_path):
     names = re.findall(r"extern const kalscope_tuning (\w+);", files["kalscope_filter.h"])
     start = "".join(f"kalscope_start(&f[{i}], &{name});\n" for i, name in enumerate(names))
     step = 'double z; if (scanf("%lf", &z) != 1) return 1; kalscope_update(&f[j], z);'
-    step += ' printf("%a %a\\n", f[j].x, f[j].k);'
+    step += ' printf("%.17g %.17g\\n", f[j].x, f[j].k);'
     loops = f"for (int i = 0; i < {len(either.x)}; i++) for (int j = 0; j < {len(names)}; j++) {{ {step} }}"
     head = '#include <stdio.h>\n#include "kalscope_filter.h"\n'
     main = f"{head}int main(void) {{ kalscope_filter f[{len(names)}];\n{start}{loops}\nreturn 0; }}\n"
     out = build(tmp_path, "gcc", files, main, "-std=c99", "-O2")(lines_of(either.recording).encode())
-    numbers = np.array([float.fromhex(word.decode()) for word in out.split()]).reshape(*either.x.shape, 2)
-    np.testing.assert_array_equal(numbers[..., 0], either.x)
-    np.testing.assert_array_equal(numbers[..., 1], either.k)
+    assert_same(out.decode(), either)
 
 
 JAVASCRIPT_DRIVER = """\
@@ -296,9 +289,7 @@ def test_javascript_is_the_same_filter_in_node(either, tmp_path):
     write(export_tuning(either.tuning, "javascript"), tmp_path)
     (tmp_path / "main.mjs").write_text(JAVASCRIPT_DRIVER)
     out = run(node(), "main.mjs", stdin=lines_of(either.recording), cwd=tmp_path)
-    x, k = table(out.replace("NaN", "nan"), either.x.shape)
-    np.testing.assert_array_equal(x, either.x)
-    np.testing.assert_array_equal(k, either.k)
+    assert_same(out, either)
 
 
 @pytest.mark.parametrize("load", [yaml.safe_load, YAML(typ="safe", pure=True).load])
@@ -324,37 +315,27 @@ def test_esphome_refuses_what_it_cannot_hold(shared):
         export_tuning(unknown, "esphome")
 
 
+TEMP = ChannelTuning("temp", "V", 0.01, 0.25)
+
+
 @pytest.mark.parametrize(
-    ("target", "channel", "words"),
+    ("target", "changed", "words"),
     [
-        (
-            "esphome",
-            ChannelTuning("temp", "V", 0.01, 0.25, momentum=20.0),
-            "momentum .got esphome.: choose arduino, c,",
-        ),
-        (
-            "esphome",
-            ChannelTuning("temp", "V", 0.01, 0.25, chain=Chain(5)),
-            "a median and classic filters .got esphome",
-        ),
-        (
-            "matlab",
-            ChannelTuning("temp", "V", 0.01, 0.25, chain=Chain(1, Exponential(0.125))),
-            "choose arduino, c, python, json",
-        ),
-        ("javascript", ChannelTuning("temp", "V", 0.01, 0.25, chain=Chain(5)), "or use the Kalman filter alone"),
+        ("esphome", {"momentum": 20.0}, "momentum .got esphome.: choose arduino, c,"),
+        ("esphome", {"chain": Chain(5)}, "a median and classic filters .got esphome"),
+        ("matlab", {"chain": Chain(1, Exponential(0.125))}, "choose arduino, c, python, json"),
+        ("javascript", {"chain": Chain(5)}, "or use the Kalman filter alone"),
     ],
 )
-def test_a_target_that_lacks_a_filter_names_those_that_have_it(target, channel, words):
-    plain = ChannelTuning("plain", "V", 0.01, 0.25)
+def test_a_target_that_lacks_a_filter_names_those_that_have_it(target, changed, words):
+    tuning = Tuning((replace(TEMP, name="plain"), replace(TEMP, **changed)), sample_period=0.01)
     with pytest.raises(BadSetting, match=f"^target must support .*{words}"):
-        export_tuning(Tuning((plain, channel), sample_period=0.01), target)
+        export_tuning(tuning, target)
 
 
 @pytest.mark.parametrize("target", [name for name, each in TARGETS.items() if each.setting is None])
 def test_without_momentum_no_export_speaks_of_it(target):
-    tuning = Tuning((ChannelTuning("temp", "degC", 0.01, 0.25),), sample_period=0.01)
-    text = "\n".join(export_tuning(tuning, target).values())
+    text = "\n".join(export_tuning(Tuning((TEMP,), sample_period=0.01), target).values())
     assert re.search("momentum|velocity|@plain", text) is None
 
 
