@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import serial
 from board import FLAT_OUT, read_lines
+from exported_program import FUSION
 from exported_sketch import FAST, MISSING, exported, saved, step_us
 from float32_by_hand import ByHand
 from waiting import PATIENCE
@@ -189,13 +190,51 @@ def test_what_a_board_cannot_take_changes_nothing(start_board, workshop, momentu
             assert (answer, refusals) == (used, int(line != "")), line
 
 
-@pytest.mark.parametrize(("momentum", "flash", "ram", "us"), [(0.0, 7648, 311, 109), (20.0, 9774, 379, 305)])
-def test_time_flash_and_memory_are_what_we_say(start_board, workshop, tmp_path, momentum, flash, ram, us):
-    channel = ChannelTuning("light", "", 0.01, 4.0, momentum=momentum)
-    firmware = exported(workshop, channel, edits=())
-    assert firmware.flash == pytest.approx(flash, rel=0.05)
-    assert firmware.ram == pytest.approx(ram, rel=0.05)
-    sketch, declared = saved(tmp_path, channel), "KalscopeFilter filter(KALSCOPE_TUNING_LIGHT);"
-    updates, reads = "x = running ? filter.update(z) : z;", "if (running) z = analogRead(A0);"
-    for step, stated in ((updates, us), (reads, 112)):
-        assert step_us(start_board, workshop, sketch, step, declared) == pytest.approx(stated, rel=0.05)
+def test_three_sensors_with_gaps_and_spikes_are_fused_to_the_bit(start_board, workshop):
+    fusion = replace(FUSION, unit="")
+    rng = np.random.default_rng(5)
+    counts = np.array(fusion.offset) + np.array(fusion.gain) * noisy_counts(700)[:, None]
+    counts = np.clip(np.rint(counts), 1, 1023).astype(int)
+    counts[rng.random(counts.shape) < 0.03] = 1023  # for the gate
+    counts[rng.random(counts.shape) < 0.05] = 0  # no reading
+    counts[[0, 300]] = 0
+    missing = (MISSING[0], MISSING[1].replace("channel", "sensor"))
+    board = start_board(exported(workshop, fusion, edits=(*FAST, missing)), counts, *FLAT_OUT)
+    lines = read_lines(board.port, 501, 1_000_000)
+    board.stop()
+    assert lines[0].strip() == b"# a,b,c,level"
+    rows = [line for line in lines if not line.startswith(b"#")]
+    printed = np.array([[float(cell) for cell in line.split(b",")] for line in rows], dtype=np.float32)
+    z = np.where(counts[: len(printed)] == 0, np.nan, counts[: len(printed)])
+    np.testing.assert_array_equal(printed[:, :3], z.astype(np.float32))
+    np.testing.assert_array_equal(printed[:, 3], filter_float32(z, fusion.params))
+
+
+LIGHT = ChannelTuning("light", "", 0.01, 4.0)
+LEVEL = ChannelTuning("level", "", 0.5, (9.0, 18.0, 27.0), sensors=("a", "b", "c"))
+ROW = "float row[KALSCOPE_SENSORS]; for (uint8_t j = 0; j < KALSCOPE_SENSORS; j++) row[j] = z + j;"
+FILTER = "x = running ? filter.update(z) : z;", "KalscopeFilter filter(KALSCOPE_TUNING_LIGHT);"
+FUSE = f"{ROW} x = running ? fusion.update(row) : row[0];", "KalscopeFusion fusion(KALSCOPE_FUSION_LEVEL);"
+TAKE = "if (running) one.take(z);", "KalscopeCalibration one;", "one.start(20000, KalscopeReadings{1, 0, 1023});"
+SHIFTED = {"offset": (0.0, 1.0, 2.0)}
+
+
+@pytest.mark.parametrize(
+    ("channel", "timed", "step", "flash", "ram", "us"),
+    [
+        (LIGHT, {}, FILTER, 7648, 311, 109),
+        (LIGHT, {}, ("if (running) z = analogRead(A0);",), 7648, 311, 112),
+        (replace(LIGHT, momentum=20.0), {}, FILTER, 9774, 379, 305),
+        (LIGHT, {}, TAKE, 14972, 487, 490 - 109),
+        (LEVEL, SHIFTED, FUSE, 5170, 320, 343),
+        (replace(LEVEL, momentum=20.0), SHIFTED | {"gain": (1.0, 1.05, 1.0)}, FUSE, 5976, 388, 694 + 3 * 29),
+    ],
+)
+def test_flash_memory_and_time_are_what_we_say(
+    start_board, workshop, tmp_path, channel, timed, step, flash, ram, us
+):
+    kind = {"calibration": step is TAKE}
+    firmware = exported(workshop, channel, edits=(), **kind)
+    assert (firmware.flash, firmware.ram) == pytest.approx((flash, ram), rel=0.05)
+    sketch = saved(tmp_path, replace(channel, **timed), **kind)
+    assert step_us(start_board, workshop, sketch, *step) == pytest.approx(us, rel=0.05)

