@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-import serial
 from board import FLAT_OUT, read_lines
-from exported_sketch import FAST, MISSING, exported, saved
-from waiting import PATIENCE
+from exported_sketch import FAST, MISSING, Talk, exported, saved
 
 from kalscope.export.board import FixedFilter, check_board, is_refusal, read_answer
 from kalscope.export.float32 import filter_float32, float32_tuning
@@ -32,45 +30,27 @@ def counts(n, channels):
     return z.astype(int)
 
 
-class Heard:
-    """What a board says: rows of numbers, and answers."""
-
-    def __init__(self, port):
-        self._port, self.rows, self.answers = port, [], []
-
-    def follow(self, rows=0, answers=0):
-        """Read so many more of both."""
-        goal = len(self.rows) + rows, len(self.answers) + answers
-        while len(self.rows) < goal[0] or len(self.answers) < goal[1]:
-            line = self._port.readline().decode()
-            if (answer := read_answer(line)) is not None:
-                self.answers.append(answer)
-            elif not line.startswith("#"):
-                self.rows.append([float(cell) for cell in line.split(",")])
-        return self.answers[goal[1] - answers :]
-
-    def ask(self, text):
-        self._port.write(text.encode() + b"\n")
-        return self.follow(answers=len(CHANNELS))
+def asked(talk, text):
+    """What each channel answers."""
+    return [read_answer(line) for line in talk.ask(text, "bits=|takes no values", len(CHANNELS))]
 
 
 def test_five_channels_with_different_filters_print_the_bits_of_the_host_and_say_what_obeys(start_board, workshop):
     z = counts(1200, len(CHANNELS))
     firmware = exported(workshop, *CHANNELS, edits=(*FAST, MISSING))
     board = start_board(firmware, z, *FLAT_OUT)
-    with serial.Serial(board.port, 1_000_000, timeout=PATIENCE) as port:
-        heard = Heard(port)
-        heard.follow(rows=150)
-        first = heard.ask("?")
-        before = len(heard.rows)
-        heard.ask("q 0.7")
-        restarted = len(heard.rows)
-        last = heard.ask("p inf")
-        heard.follow(rows=120)
+    talk = Talk(board)
+    talk.follow(150)
+    first = asked(talk, "?")
+    before = len(talk.rows)
+    asked(talk, "q 0.7")
+    restarted = len(talk.rows)
+    last = asked(talk, "p inf")
+    talk.follow(120)
     assert [one.name for one in first] == [channel.name for channel in CHANNELS]
     assert [type(one) is FixedFilter for one in first] == [False, True, True, False, True]
     assert [one.median for one in (first[0], first[3])] == [5, 1]
-    printed = np.array(heard.rows, dtype=np.float32)
+    printed = np.array(talk.rows, dtype=np.float32)
     samples = np.where(z == 0, np.nan, z)[: len(printed)].astype(np.float32)
     np.testing.assert_array_equal(printed[:, ::2], samples)
     for c, channel in enumerate(CHANNELS):
@@ -84,20 +64,17 @@ def test_five_channels_with_different_filters_print_the_bits_of_the_host_and_say
 
 
 def test_a_sketch_without_a_kalman_filter_says_that_it_takes_no_values(start_board, workshop):
-    channels = (
-        ChannelTuning("light", "", 1.0, 1.0, chain=Chain(then=MovingAverage(342))),
-    )  # the longest that fits
+    channel = ChannelTuning("light", "", 1.0, 1.0, chain=Chain(then=MovingAverage(342)))  # the longest that fits
     z = counts(200, 1)
-    firmware = exported(workshop, *channels, edits=(*FAST, MISSING))
+    firmware = exported(workshop, channel, edits=(*FAST, MISSING))
     assert firmware.flash == pytest.approx(4972, rel=0.05)
     assert firmware.ram == pytest.approx(244 + 4 * 342, abs=20)
-    board = start_board(firmware, z, *FLAT_OUT)
-    with serial.Serial(board.port, 1_000_000, timeout=PATIENCE) as port:
-        port.write(b"q 0.5\r\n")
-        lines = [port.readline().decode() for _ in range(80)]
-    assert sum(map(is_refusal, lines)) == 1
-    printed = np.array([[float(c) for c in line.split(",")] for line in lines if line[0] != "#"], np.float32)
-    np.testing.assert_array_equal(printed[:, 1], filter_float32(printed[:, 0], channels[0]))
+    talk = Talk(start_board(firmware, z, *FLAT_OUT))
+    talk.ask("q 0.5\r", "not understood; these filters take no values")
+    talk.follow(80)
+    assert sum(is_refusal(text) for _, text in talk.said) == 1
+    printed = np.array(talk.rows, np.float32)
+    np.testing.assert_array_equal(printed[:, 1], filter_float32(printed[:, 0], channel))
 
 
 TIMED = {

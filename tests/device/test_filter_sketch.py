@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-import itertools
 from dataclasses import replace
 
 import numpy as np
 import pytest
-import serial
 from board import FLAT_OUT, read_lines
 from exported_program import FUSION
-from exported_sketch import FAST, MISSING, exported, saved, step_us
+from exported_sketch import FAST, MISSING, Talk, exported, saved, step_us
 from float32_by_hand import ByHand
-from waiting import PATIENCE
 
 from kalscope import FilterParams, kalman_filter
 from kalscope.export.board import commands, is_refusal, read_answer
@@ -41,35 +38,6 @@ OTHER_UNIT = (r"#ifndef KALSCOPE_UNITS_DONE\n#error .*\n#endif\n", "")
 """What the user deletes once readSensor() returns the unit of the tuning."""
 
 
-class Conversation:
-    """An open port, and an oracle that is fed what the converter is fed; every line that comes is compared."""
-
-    def __init__(self, port, counts, oracle):
-        self.port, self.counts, self.oracle, self.rows = port, itertools.cycle(counts), oracle, 0
-
-    def follow(self, rows):
-        """Read and compare so many samples."""
-        goal = self.rows + rows
-        while self.rows < goal:
-            self._check(self.port.readline())
-
-    def ask(self, text):
-        """Send a command, compare what comes before its answer, which is returned."""
-        self.port.write(text.encode() + b"\n")
-        while (answer := read_answer((line := self.port.readline()).decode())) is None:
-            self._check(line)
-        return answer
-
-    def _check(self, line):
-        if line.startswith(b"# too slow"):
-            return
-        raw, filtered = line.split(b",")
-        z = next(self.counts)
-        assert int(float(raw)) == z
-        assert np.float32(float(filtered)).view(np.uint32) == self.oracle.update(z).view(np.uint32), line
-        self.rows += 1
-
-
 MOMENTA = [(0.01, 4.0, None, 20.0), (0.3, 25.0, 1000.0, 0.0), (0.05, 30.0, None, 1e5), (2.0, 2.0, 1.0, 0.4)]
 
 
@@ -81,24 +49,30 @@ def test_a_board_gives_the_bits_of_the_host_also_after_changes_while_it_runs(
 ):
     """After each command the filter goes on, with constants that the board computed itself; p restarts it."""
     counts = noisy_counts(1_500)
-    params = float32_params(FilterParams(0.5, 9.0, momentum=momentum))
     firmware = exported(workshop, ChannelTuning("raw", "", 0.5, 9.0, momentum=momentum))
-    board = start_board(firmware, counts, *FLAT_OUT)
-    with serial.Serial(board.port, 1_000_000, timeout=PATIENCE) as port:
-        assert port.readline() == b"# raw,filtered\r\n"
-        talk = Conversation(port, counts, ByHand(params))
-        for q, r, p0, tau in settings:
-            talk.follow(60)
-            wanted = float32_params(FilterParams(q, r, p0, momentum=tau))
-            for text in commands(wanted, knows_momentum=momentum > 0.0):
-                params = talk.ask(text).applied_to(params)
-                talk.oracle.use(params)
-                if text.startswith("t"):
-                    talk.follow(50)
+    talk, sent = Talk(start_board(firmware, counts, *FLAT_OUT)), []
+    talk.until("raw,filtered")
+    for q, r, p0, tau in settings:
+        talk.follow(60)
+        wanted = float32_params(FilterParams(q, r, p0, momentum=tau))
+        for text in commands(wanted, knows_momentum=momentum > 0.0):
+            answer = read_answer(*talk.ask(text, "bits="))
+            sent.append((len(talk.rows), text[0], answer, (q, r, np.inf if p0 is None else p0, tau)))
+            if text.startswith("t"):
+                talk.follow(50)
+    talk.follow(300)
+    params, at, expected = float32_params(FilterParams(0.5, 9.0, momentum=momentum)), 0, []
+    oracle, z = ByHand(params), np.resize(counts, len(talk.rows))
+    for row, command, answer, wanted in sent:
+        expected += [oracle.update(one) for one in z[at:row]]
+        params, at = answer.applied_to(params), row
+        oracle.use(params)
+        if command == "p":
             said = (params.q, params.r, params.p0, params.momentum.momentum if params.momentum else 0.0)
-            np.testing.assert_allclose(said, [q, r, np.inf if p0 is None else p0, tau], rtol=3e-7)
-            talk.oracle = ByHand(params)
-        talk.follow(300)
+            np.testing.assert_allclose(said, wanted, rtol=3e-7)
+            oracle = ByHand(params)
+    expected += [oracle.update(one) for one in z[at:]]
+    np.testing.assert_array_equal(np.array(talk.rows, "f4"), np.column_stack([z, expected]).astype("f4"))
 
 
 GATED = ChannelTuning("*/ #define A0 1", "mV", 0.01, 40.0, gate=9.0)
@@ -166,11 +140,11 @@ def test_the_minimal_sketch_prints_raw_and_filtered_and_is_smaller(start_board, 
 REFUSED = {
     0.0: (
         ("q", "q x", "q -1", "r nan", "q inf", "x 1", "", "q 0.5 7", "3 q 1", "q" * 10 + " 1", "q 1" + "0" * 40),
-        b"# light q=2.500000e-1 r=4.000000 p=inf bits=3E800000,40800000,7F800000\r\n",
+        "# light q=2.500000e-1 r=4.000000 p=inf bits=3E800000,40800000,7F800000",
     ),
     0.25: (
         ("t", "t -1", "t 1e-4", "t 100001", "t nan", "t inf", "q 3e38", "r x"),
-        b"# light q=2.500000e-1 r=4.000000 p=inf t=2.500000e-1 bits=3E800000,40800000,7F800000,3E800000\r\n",
+        "# light q=2.500000e-1 r=4.000000 p=inf t=2.500000e-1 bits=3E800000,40800000,7F800000,3E800000",
     ),
 }
 
@@ -180,14 +154,12 @@ def test_what_a_board_cannot_take_changes_nothing(start_board, workshop, momentu
     lines, used = REFUSED[momentum]
     firmware = exported(workshop, ChannelTuning("light", "", 0.25, 4.0, momentum=momentum))
     board = start_board(firmware, 500, *FLAT_OUT)
-    with serial.Serial(board.port, 1_000_000, timeout=PATIENCE) as port:
-        port.readline()
-        for line in lines:
-            port.write(line.encode() + b"\n?\n")
-            refusals = 0
-            while b"bits=" not in (answer := port.readline()):
-                refusals += is_refusal(answer.decode())
-            assert (answer, refusals) == (used, int(line != "")), line
+    talk = Talk(board)
+    for line in lines:
+        talk.said.clear()
+        talk.port.write(line.encode() + b"\n")
+        assert talk.ask("?", "bits=") == [used], line
+        assert sum(is_refusal(text) for _, text in talk.said) == int(line != ""), line
 
 
 def test_three_sensors_with_gaps_and_spikes_are_fused_to_the_bit(start_board, workshop):

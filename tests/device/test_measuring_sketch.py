@@ -6,11 +6,9 @@ import re
 
 import numpy as np
 import pytest
-import serial
 from board import FLAT_OUT
 from exported_rule import compiled_rule, rows_of
-from exported_sketch import FAST, MISSING, exported
-from waiting import PATIENCE
+from exported_sketch import FAST, MISSING, Talk, exported
 
 from kalscope.cli.app import run
 from kalscope.estimation.noise import noise_from_still
@@ -23,52 +21,20 @@ SECONDS = 0.4
 ROWS = rows_of(SECONDS, 0.001)
 
 
-class Talk:
-    """An open port: every row that comes, and every remark with the number of rows before it."""
-
-    def __init__(self, port):
-        self.port, self.rows, self.said = port, [], []
-
-    def line(self):
-        text = self.port.readline().decode()
-        assert text.endswith("\n"), "the board fell silent"
-        text = text[max(text.find("#"), 0) :]  # a reset cuts the line before it
-        if not text.startswith("#"):
-            self.rows.append([float(cell) for cell in text.split(",")])
-        elif not text.startswith("# too slow"):
-            self.said.append((len(self.rows), text.strip()))
-        return text
-
-    def until(self, words, times=1):
-        """Read on until so many remarks with these words have come; the last one."""
-        while times:
-            text = self.line()
-            times -= text.startswith("#") and words in text
-        return text.strip()
-
-    def ask(self, command, words, times=1):
-        self.port.write(f"{command}\n".encode())
-        return self.until(words, times)
-
-    def values(self, channels):
-        """What the filters use."""
-        self.ask("?", "bits=", channels)
-        return [read_values(text) for _, text in self.said[-channels:]]
+def values(talk, channels):
+    """What the filters use."""
+    return [read_values(text) for text in talk.ask("?", "bits=", channels)]
 
 
 @pytest.fixture
 def talk(start_board):
     """talk(firmware, counts, *options) -> the open port of a board, and the board."""
-    opened = []
 
     def begin(firmware, counts, *options):
         board = start_board(firmware, counts, *FLAT_OUT, *options)
-        opened.append(serial.Serial(board.port, 1_000_000, timeout=PATIENCE))
-        return Talk(opened[-1]), board
+        return Talk(board), board
 
-    yield begin
-    for port in opened:
-        port.close()
+    return begin
 
 
 def noise(sigma, level=500.3, seed=0, rows=2000):
@@ -120,7 +86,7 @@ def test_what_it_measures_is_that_of_this_computer_to_the_last_bit_and_the_hosts
         assert found.r == pytest.approx(noise_from_still(z[row - found.rows : row, i], 1.0).r, rel=0.01)
     assert answers["spiky"][1].spikes > 1
     assert answers["spiky"][1].missing > 3
-    for used, (_, found) in zip(board.values(4), answers.values(), strict=True):
+    for used, (_, found) in zip(values(board, 4), answers.values(), strict=True):
         assert (used.q, used.r, used.p0) == (found.q, found.r, np.inf)
 
 
@@ -165,12 +131,12 @@ def test_a_refusal_says_why_and_keeps_the_old_values_while_the_filter_goes_on(ta
         "shaken": "the noise is uneven",
     }
     for command, words in (("c 0.05", "too short; 0.09 s at least"), ("c 99", "too long; 72.01 s at most")):
-        assert words in board.ask(command, " not calibrated: ", 6)
+        assert words in board.ask(command, " not calibrated: ", 6)[-1]
     board.ask("2 c 0.2", "unplugged calibrating rows=196")
     board.ask("2 c 0", "unplugged not calibrated: cancelled")
     for line in ("c", "c -1", "c nan", "c inf", "7 c 1", "k 1", "2 k", "cf"):
         board.ask(line, "# not understood")
-    assert {(used.q, used.r, used.p0) for used in board.values(6)} == {(0.25, 4.0, np.inf)}
+    assert {(used.q, used.r, used.p0) for used in values(board, 6)} == {(0.25, 4.0, np.inf)}
 
 
 BY_ITSELF = (
@@ -204,14 +170,14 @@ def test_kept_values_survive_a_reset_unless_they_are_forgotten_damaged_or_anothe
 
     board.until("# kept 1 channel")
     found = next(answer for _, text in board.said if isinstance(answer := read_calibration(text), Calibrated))
-    (used,) = board.values(1)
+    (used,) = values(board, 1)
     assert (used.q, used.r, used.momentum) == (np.float32(0.0625) * found.r, found.r, 20.0)
     assert used.q != channel.q
-    kept, values = started()
-    assert (kept, read_values(values)) == ("# kept values are in use", used)
+    kept, told = started()
+    assert (kept, read_values(told)) == ("# kept values are in use", used)
     board.ask("w9", "# not understood")
     assert started() == ["# kept values refused: they are damaged"]
-    assert board.values(1)[0].r == 4.0
+    assert values(board, 1)[0].r == 4.0
     board.ask("k", "# kept 1 channel")
     board.ask("w0", "# not understood")
     assert started() == ["# kept values refused: they are another sketch's"]
@@ -220,4 +186,4 @@ def test_kept_values_survive_a_reset_unless_they_are_forgotten_damaged_or_anothe
     board.ask("k", "# not kept: the EEPROM does not hold what was written")
     board.ask("f", "# forgotten")
     assert started() == []
-    assert board.values(1)[0].r == 4.0
+    assert values(board, 1)[0].r == 4.0

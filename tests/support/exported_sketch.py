@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from pathlib import Path
 
-from board import EEPROM, FLAT_OUT, Firmware, Workshop, read_lines
+import serial
+from board import EEPROM, FLAT_OUT, Firmware, Uno, Workshop, read_lines
+from waiting import PATIENCE
 
 from kalscope.export.job import ExportJob
 from kalscope.export.targets.arduino import files
@@ -65,3 +68,41 @@ def step_us(
     timing.write_text(text, encoding="ascii")
     board = start_board(workshop.sketch(timing, include=[EEPROM]), 0, *FLAT_OUT, name=f"timing-{abs(hash(step)):x}")
     return int(read_lines(board.port, 1)[0]) / 1000
+
+
+class Talk:
+    """The open port of a board: every row that comes, and every remark with the number of rows before it."""
+
+    def __init__(self, board: Uno) -> None:
+        self.port = serial.Serial(board.port, 1_000_000, timeout=PATIENCE)
+        self.rows, self.said = list[list[float]](), list[tuple[int, str]]()
+
+    def line(self) -> str:
+        text = self.port.readline().decode()
+        assert text.endswith("\n"), "the board fell silent"
+        text = text[max(text.find("#"), 0) :].strip()  # a reset cuts the line before it
+        if not text.startswith("#"):
+            self.rows.append([float(cell) for cell in text.split(",")])
+        elif not text.startswith("# too slow"):
+            self.said.append((len(self.rows), text))
+        return text
+
+    def follow(self, rows: int) -> None:
+        """Read so many more rows."""
+        goal = len(self.rows) + rows
+        while len(self.rows) < goal:
+            self.line()
+
+    def until(self, words: str, times: int = 1) -> list[str]:
+        """Read on until so many remarks match, a regular expression; those."""
+        found, last = list[str](), len(self.rows) + 5000
+        while len(found) < times:
+            text = self.line()
+            assert len(self.rows) < last, f"the board does not say {words}"
+            found += [text] if text.startswith("#") and re.search(words, text) else []
+        return found
+
+    def ask(self, command: str, words: str, times: int = 1) -> list[str]:
+        """Send a command and read until it is answered."""
+        self.port.write(f"{command}\n".encode())
+        return self.until(words, times)
