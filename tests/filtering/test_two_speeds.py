@@ -115,10 +115,14 @@ def spiky(rng):
     return np.cumsum(0.17 * rng.normal(size=1000)) + rng.normal(size=1000) + spikes
 
 
-def rounded(rng):
-    return 4.0 * np.round((np.cumsum(0.3 * rng.normal(size=300)) + rng.normal(size=300)) / 4.0)
+def rounded(rng, step=0.2, n=3000):
+    return 4.0 * np.round((np.cumsum(step * rng.normal(size=n)) + rng.normal(size=n)) / 4.0)
 
 
-@pytest.mark.parametrize(("kind", "seed"), [(spiky, 34), (spiky, 53), (rounded, 7), (rounded, 51)])
+def rounded_briefly(rng):
+    return rounded(rng, 0.3, 300)
+
+
+@pytest.mark.parametrize(("kind", "seed"), [(spiky, 34), (rounded, 7), (rounded, 10), (rounded_briefly, 7)])
 def test_large_spikes_and_coarse_readings_do_not_pass_for_movement(kind, seed):
     assert estimate(kind(np.random.default_rng(seed)), two_speeds=True).params.fast is None
