@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from functools import partial
-
 import numpy as np
 import pytest
 
-from kalscope import BadSetting, estimate
-from kalscope.errors import Cancelled
+from kalscope import FilterParams, estimate
 from kalscope.estimation.fit import estimate_fixed_r, estimate_fixed_ratio
-from kalscope.estimation.many import Series, estimate_many, pair_intervals
+from kalscope.estimation.likelihood import DROP, log_likelihood
+from kalscope.estimation.many import estimate_many, pair_intervals, series_of
 
 NAN = np.nan
 
@@ -59,17 +57,12 @@ EDGES = {
 
 def assert_same(table, row, one, named=""):
     assert table.verdict[row] == one.verdict, named
-    for name in ("q", "r", "ratio", "loglik"):
+    for name in ("q", "r", "ratio"):
         assert getattr(table, name)[row] == pytest.approx(getattr(one, name), rel=1e-9, abs=0.0), (named, name)
-    for name in ("q_se", "r_se"):
-        assert getattr(table, name)[row] == pytest.approx(getattr(one, name), rel=1e-6, abs=0.0), (named, name)
-    for name in ("ratio_interval", "gain_interval", "lag_interval"):
-        ends = [float(end[row]) for end in getattr(table, name)]
-        assert ends == pytest.approx(getattr(one, name), rel=1e-9, abs=0.0), (named, name)
 
 
 def test_edge_series_give_the_verdicts_of_estimate():
-    table = estimate_many(list(EDGES.values()), robust=False)
+    table = estimate_many(series_of(EDGES.values()), robust=False)
     assert {"too_few", "constant", "no_noise", "no_movement", "bad_unit", "below_resolution"} <= set(table.verdict)
     for row, (name, z) in enumerate(EDGES.items()):
         assert_same(table, row, estimate(np.asarray(z, float), momentum=0.0, robust=False), name)
@@ -87,13 +80,11 @@ def with_spikes(count):
         yield z
 
 
-@pytest.fixture(scope="module", params=[{}, {"r": 1.0}, {"ratio": 0.05}], ids=["free", "r", "ratio"])
-def both_ways(request):
+@pytest.fixture(scope="module")
+def both_ways():
     """Series of which some have spikes, their table, and what is found of each alone."""
-    options, series = request.param, list(with_spikes(60))
-    known = {"r": estimate_fixed_r, "ratio": estimate_fixed_ratio}
-    alone = known.get(next(iter(options), ""), partial(estimate, momentum=0.0))
-    return series, estimate_many(series, **options), [alone(z, *options.values()) for z in series]
+    series = list(with_spikes(60))
+    return series, estimate_many(series_of(series)), [estimate(z, momentum=0.0) for z in series]
 
 
 @pytest.mark.slow
@@ -124,54 +115,27 @@ def test_intervals_are_of_one_kind_alone_or_in_a_table(both_ways):
         assert ends[2] <= one.r <= ends[3]
 
 
-def test_rows_of_an_array_a_list_and_one_piece_of_memory_are_the_same():
-    rows = np.stack([walk(seed, 60, 0.1) for seed in range(5)])
-    q = estimate_many(rows).q.tolist()
-    rows.setflags(write=False)
-    whole = Series(rows.ravel(), np.arange(6, dtype=np.int64) * 60, np.empty(0))
-    assert [estimate_many(given).q.tolist() for given in (rows, list(rows), whole)] == [q] * 3
-    assert len(q) == 5
-
-
 def test_a_series_that_cannot_be_fitted_is_a_row_and_hurts_no_other():
     good = walk(1, 100, 0.1)
     bad = good.copy()
     bad[40] = np.inf
-    table = estimate_many([good, bad, good[:3], good])
+    table = estimate_many(series_of([good, bad, good[:3], good]))
     assert table.verdict.tolist() == ["ok", "infinite", "too_few", "ok"]
     assert table.q[0] == table.q[3] > 0.0 == table.q[1]
-    assert not np.isnan([table.q, table.r, table.loglik, *table.ratio_interval]).any()
     steps = [np.ones(100), np.full(100, -1.0)]
-    assert estimate_many([good, good], steps).verdict.tolist() == ["ok", "bad_steps"]
+    assert estimate_many(series_of([good, good], steps)).verdict.tolist() == ["ok", "bad_steps"]
+    assert len(estimate_many(series_of([]))) == 0
 
 
-def test_no_series_is_an_empty_table():
-    assert len(estimate_many([])) == 0
-    assert len(estimate_many(np.empty((0, 10)))) == 0
-
-
-@pytest.mark.parametrize(
-    ("series", "options"),
-    [
-        (np.zeros(5), {}),
-        ([np.zeros((2, 2))], {}),
-        (["a", "b"], {}),
-        ([np.zeros(5)], {"dt": [np.ones(4)]}),
-        ([np.zeros(5)], {"r": 0.0}),
-        ([np.zeros(5)], {"r": 1.0, "ratio": 1.0}),
-        ([np.zeros(5)], {"momentum": -1.0}),
-        ([np.zeros(5)], {"robust": "yes"}),
-        (Series(np.zeros(5), np.array([0, 6]), np.empty(0)), {}),
-    ],
-)
-def test_wrong_arguments_are_refused(series, options):
-    with pytest.raises(BadSetting, match="must"):
-        estimate_many(series, **options)
-
-
-def test_a_stop_is_seen_between_two_calls_and_progress_ends_at_one():
-    rows, seen = np.random.default_rng(1).standard_normal((30, 50)), []
-    estimate_many(rows, progress=lambda share, _: seen.append(share))
-    assert seen[-1] == 1.0
-    with pytest.raises(Cancelled):
-        estimate_many(rows, cancelled=lambda: True)
+@pytest.mark.parametrize(("known", "value"), [(estimate_fixed_r, 1.0), (estimate_fixed_ratio, 0.05)])
+def test_what_is_known_bounds_the_intervals(known, value):
+    z = walk(1, 400, 0.1)
+    one = known(z, value)
+    q_low, q_high, r_low, r_high = pair_intervals(one, z, np.empty(0))
+    if known is estimate_fixed_r:
+        assert (r_low, r_high) == (1.0, 1.0)
+        ends = [log_likelihood(z, FilterParams(q, 1.0)) for q in (q_low, q_high)]
+        assert one.loglik - np.array(ends) == pytest.approx([DROP, DROP], abs=1e-4)
+    else:
+        assert (q_low / r_low, q_high / r_high) == pytest.approx((value, value))
+        assert r_high / r_low == pytest.approx(np.exp(2.0 * 1.96 * np.sqrt(2.0 / 399)), rel=1e-3)

@@ -11,7 +11,7 @@ from fleets import fleet
 from kalscope import BadSetting, FilterParams, estimate, kalman_filter
 from kalscope.estimation.fit import estimate_fixed_ratio
 from kalscope.estimation.likelihood import differences
-from kalscope.estimation.many import estimate_many
+from kalscope.estimation.many import estimate_many, series_of
 from kalscope.estimation.pool import (
     LOG_RATIOS,
     Pool,
@@ -42,7 +42,7 @@ def summed(series, log_ratios):
 @pytest.mark.parametrize("seed", range(6))
 def test_the_ratio_is_that_of_a_direct_search_to_a_millionth(seed):
     series = fleet(30, 100 + 60 * seed, 10.0 ** (2 - seed), seed=seed)
-    found = fit_pool(pool_of(series))
+    found = fit_pool(pool_of(series_of(series)))
     h = 1e-3
     low, here, high = summed(series, math.log(found.ratio) + h * np.array([-1.0, 0.0, 1.0]))
     newton = 0.5 * h * (high - low) / (2.0 * here - low - high)  # what is left to the top of the exact sum
@@ -52,7 +52,7 @@ def test_the_ratio_is_that_of_a_direct_search_to_a_millionth(seed):
 
 def test_a_fleet_of_one_is_estimated_as_that_one():
     z = uneven(1)[0]
-    found, one = fit_pool(pool_of([z])), estimate(z, momentum=0.0, robust=False)
+    found, one = fit_pool(pool_of(series_of([z]))), estimate(z, momentum=0.0, robust=False)
     assert (found.q, found.r, found.ratio) == pytest.approx((one.q, one.r, one.ratio), rel=1e-6)
     assert found.ratio_interval == pytest.approx(one.ratio_interval, rel=1e-6)
     assert found.loglik == pytest.approx(one.loglik, abs=1e-6)
@@ -60,11 +60,11 @@ def test_a_fleet_of_one_is_estimated_as_that_one():
 
 def test_edges_are_verdicts():
     noise = np.random.default_rng(1).standard_normal((40, 301))
-    still = fit_pool(pool_of(np.diff(noise)))  # what rises falls back: less than no movement
+    still = fit_pool(pool_of(series_of(np.diff(noise))))  # what rises falls back: less than no movement
     assert (still.verdict, still.q, still.params) == ("no_movement", 0.0, None)
     assert still.r == pytest.approx(2.0, rel=0.05)
     smooth = np.cumsum(noise[:, 1:] + noise[:, :-1], axis=1)  # what rises goes on: less than no noise
-    free = fit_pool(pool_of(smooth))
+    free = fit_pool(pool_of(series_of(smooth)))
     assert (free.verdict, free.r, free.ratio, free.params) == ("no_noise", 0.0, math.inf, None)
     assert free.q == pytest.approx(2.0, rel=0.05)
 
@@ -72,14 +72,14 @@ def test_edges_are_verdicts():
 def test_series_that_cannot_be_fitted_do_not_count():
     series = uneven(5)
     more = [*series, np.full(50, 2.0), np.full(50, np.nan), np.array([1.0, np.inf]), np.zeros(3), np.empty(0)]
-    assert pool_of(more).devices == 5
-    assert pool_of(more).sums.tolist() == pool_of(series).sums.tolist()
+    assert pool_of(series_of(more)).devices == 5
+    assert pool_of(series_of(more)).sums.tolist() == pool_of(series_of(series)).sums.tolist()
 
 
 def test_a_chosen_ratio_gets_the_noise_that_fits_it():
     series = uneven(9)
     each = [estimate_fixed_ratio(z, 0.3, robust=False) for z in series]
-    found = pool_at(pool_of(series), 0.3)
+    found = pool_at(pool_of(series_of(series)), 0.3)
     assert (found.ratio, found.verdict) == (0.3, "given")
     assert found.r == pytest.approx(math.exp(np.mean([math.log(one.r) for one in each])), rel=1e-7)
     assert found.loglik == pytest.approx(sum(one.loglik for one in each), rel=1e-8)
@@ -89,8 +89,8 @@ def test_an_empty_fleet_and_wrong_arguments_are_refused():
     with pytest.raises(BadSetting, match="at least one"):
         fit_pool(Pool.empty())
     with pytest.raises(BadSetting, match="ratio must be"):
-        pool_at(pool_of(uneven(2)), 0.0)
-    assert pool_of([]).devices == 0
+        pool_at(pool_of(series_of(uneven(2))), 0.0)
+    assert pool_of(series_of([])).devices == 0
 
 
 @pytest.mark.slow
@@ -100,7 +100,7 @@ def test_the_interval_holds_the_best_ratio_of_a_fleet_of_such_devices_whether_th
 
     def fit(devices, seed):
         return fit_pool(
-            pool_of(fleet(devices, 200, 0.05 * np.exp(spread * rng.standard_normal(devices)), seed=seed))
+            pool_of(series_of(fleet(devices, 200, 0.05 * np.exp(spread * rng.standard_normal(devices)), seed=seed)))
         )
 
     truth = fit(6000, 99).ratio
@@ -117,7 +117,7 @@ def prediction_error(z, ratio, dt=None):
 def test_the_errors_are_those_of_the_filter_itself():
     rows = fleet(6, 300, [1e-6, 0.001, 0.03, 0.3, 5.0, 1e6])
     rows[2, 100:110] = np.nan
-    growth = held_out(rows)
+    growth = held_out(series_of(rows))
     for i, z in enumerate(rows):
         own = estimate(z[:150], momentum=0.0, robust=False).ratio
         own_error = prediction_error(z, max(own, 1e-300))
@@ -133,25 +133,25 @@ def test_between_its_places_it_is_good_to_a_thousandth(ratio):
         prediction_error(z, ratio) / prediction_error(z, max(best, 1e-300))
         for z, best in zip(rows, own, strict=True)
     ]
-    np.testing.assert_allclose(held_out_at(held_out(rows), ratio), exact, rtol=1e-3)
-    np.testing.assert_allclose(held_out_at(held_out(rows).astype(np.float32), ratio), exact, rtol=1e-3)
+    np.testing.assert_allclose(held_out_at(held_out(series_of(rows)), ratio), exact, rtol=1e-3)
+    np.testing.assert_allclose(held_out_at(held_out(series_of(rows)).astype(np.float32), ratio), exact, rtol=1e-3)
 
 
 def test_a_filter_of_its_own_may_have_momentum():
     t, rng = np.arange(600.0), np.random.default_rng(6)
     turning = np.sin(t / 15.0) + 0.05 * rng.standard_normal(600)
     rows, dt = [turning, turning, fleet(1, 600, 0.1)[0]], np.ones(600)
-    growth = held_out(rows, [dt] * 3, np.array([True, False, True]))
+    growth = held_out(series_of(rows, [dt] * 3), np.array([True, False, True]))
     own = estimate(turning[:300], robust=False).params
     wanted = math.sqrt(np.mean(kalman_filter(turning, own).innovation[300:] ** 2))
     assert held_out_at(growth, 0.5)[0] == pytest.approx(prediction_error(turning, 0.5) / wanted, rel=1e-3)
     assert held_out_at(growth, 0.5)[0] > 1.2 * held_out_at(growth, 0.5)[1]  # without it less is lost
-    assert growth[2].tolist() == held_out([rows[2]])[0].tolist()  # no momentum was found
+    assert growth[2].tolist() == held_out(series_of([rows[2]]))[0].tolist()  # no momentum was found
 
 
 def test_devices_like_the_fleet_are_served_and_others_are_not():
     rows = fleet(100, 600, np.append(np.full(90, 0.01), np.full(10, 10.0)))
-    growth = held_out_at(held_out(rows), 0.01) - 1.0
+    growth = held_out_at(held_out(series_of(rows)), 0.01) - 1.0
     assert set(np.flatnonzero(growth > 0.1)) == set(range(90, 100))
     assert share_served(growth) == 0.9
     assert share_served(growth, within=100.0) == 1.0
@@ -166,9 +166,9 @@ def logs(values, interval):
 @pytest.mark.slow
 @pytest.mark.parametrize(("samples", "q"), [(1000, 0.01), (300, 0.01), (200, 0.001), (400, 1.0), (400, 30.0)])
 def test_a_fleet_of_like_devices_names_as_many_by_chance_as_it_says(samples, q):
-    named = {"q": 0, "r": 0, "ratio": 0}
+    named = {"q": 0, "r": 0}
     for seed in range(6):
-        table = estimate_many(fleet(500, samples, q, seed=seed))
+        table = estimate_many(series_of(fleet(500, samples, q, seed=seed)))
         for name in named:
             scores = outliers(*logs(getattr(table, name), getattr(table, f"{name}_interval")), expected=1.0)
             named[name] += len(scores.devices)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from fleet_folder import devices_with, table_of
 
-from kalscope.estimation.many import estimate_many
+from kalscope.estimation.many import estimate_many, series_of
 from kalscope.estimation.pool import Pool, held_out, loss_inputs, pool_of
 from kalscope.estimation.request import Request
 from kalscope.filtering.params import FilterParams
@@ -25,10 +25,10 @@ NOISY, DRIFTING = range(5), range(5, 10)
 
 
 def devices_of(series):
-    table = estimate_many(series)
+    table = estimate_many(series_of(series))
     q, r = (np.where(table.usable, one, np.nan) for one in (table.q, table.r))
     reasons = ["" if usable else str(verdict) for usable, verdict in zip(table.usable, table.verdict, strict=True)]
-    inputs = loss_inputs(q / r, np.zeros(len(series)), held_out(series))
+    inputs = loss_inputs(q / r, np.zeros(len(series)), held_out(series_of(series)))
     interval = (*table.q_interval, *table.r_interval)
     ids = [f"dev{i:03d}" for i in range(len(series))]
     return devices_with(ids, q, r, interval, reasons=reasons, loss_inputs=inputs)
@@ -49,7 +49,7 @@ def answered(devices, pool, **wanted):
 @pytest.fixture(scope="module")
 def fleet():
     series = simulated()
-    return devices_of(series), pool_of(series)
+    return devices_of(series), pool_of(series_of(series))
 
 
 @pytest.mark.slow
@@ -104,7 +104,7 @@ def test_the_report_says_it_in_words(fleet, tmp_path):
 
 def test_a_fleet_without_a_filter_says_why(tmp_path):
     constant = np.ones((3, 100))
-    answer = answered(devices_of(constant), pool_of(constant))
+    answer = answered(devices_of(constant), pool_of(series_of(constant)))
     save(answer, tmp_path)
     assert not (tmp_path / TUNING).exists()
     assert json.loads((tmp_path / SUMMARY).read_text())["one_filter"] is None
@@ -117,7 +117,7 @@ def test_a_fleet_without_a_filter_says_why(tmp_path):
 
 def test_a_fleet_that_is_all_movement_is_refused_for_its_common_q_and_r():
     z = np.cumsum(np.random.default_rng(1).normal(size=(3, 400)).cumsum(axis=1), axis=1)
-    refusal = answered(devices_of(z), pool_of(z)).refusal
+    refusal = answered(devices_of(z), pool_of(series_of(z))).refusal
     assert refusal == "q and r of all must both be above 0 (got r = 0): a goal such as --lag-ms 50 gives both"
 
 

@@ -12,6 +12,7 @@ import pytest
 from effort import FUZZ
 
 from kalscope.errors import BadFile, BadSetting
+from kalscope.estimation.many import series_of
 from kalscope.estimation.pool import WIDTH, Pool, pool_of
 from kalscope.fleet.store import Row, Stored, open_store, stored
 
@@ -19,7 +20,7 @@ from kalscope.fleet.store import Row, Stored, open_store, stored
 def rows_of(key, n=2):
     """The rows of a unit and its pool, another one for each key."""
     rows = [Row(f"file {key}", f"channel {i}", q=float(i), r=1.0, verdict="ok") for i in range(n)]
-    return rows, pool_of(np.random.default_rng(list(key.encode())).normal(size=(n, 20)))
+    return rows, pool_of(series_of(np.random.default_rng(list(key.encode())).normal(size=(n, 20))))
 
 
 @pytest.mark.parametrize("seed", range(3 * FUZZ))

@@ -23,7 +23,7 @@ from kalscope import (
     smooth,
 )
 from kalscope.analysis.alternatives import compare_alternatives
-from kalscope.estimation.many import estimate_many
+from kalscope.estimation.many import estimate_many, series_of
 from kalscope.estimation.pool import held_out, pool_of
 from kalscope.export.float32 import filter_float32
 from kalscope.filtering.classic import Butterworth, Exponential, Median, MovingAverage, OneEuro, RunningStages
@@ -58,10 +58,11 @@ RunningStages(classic, np.float32).take(z.astype(np.float32), np.empty(0))
 compare_alternatives(live, PLAIN)
 estimate(spiky)
 estimate(z[:2000], two_speeds=True)
-estimate_many([z[:400], spiky])
+series = series_of([z[:400], spiky])
+estimate_many(series)
 GeneralizedParams(1.0).run(np.abs(z) + 1.0)
-pool_of([z[:400], spiky])
-held_out([z[:400], spiky])
+pool_of(series)
+held_out(series)
 for momentum in (0.0, 5.0):
     fused = FilterParams(0.1, **TWO, momentum=momentum)
     fuse(pair, fused)

@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 
 import kalscope as ks
-from kalscope.estimation.many import estimate_many
+from kalscope.estimation.many import Series, estimate_many, series_of
 from kalscope.filtering.classic import Chain, OneEuro
 
 Case = dict[str, Any]
@@ -48,11 +48,11 @@ def targets() -> Any:
     return tuple(name for name, each in TARGETS.items() if each.setting is None)
 
 
-def pooled_fits(series: Any, dt: Any) -> Iterator[tuple[str, Any]]:
+def pooled_fits(many: Series) -> Iterator[tuple[str, Any]]:
     """The filter for a whole fleet, each device with its own r."""
     from kalscope.estimation.pool import fit_pool, pool_of
 
-    yield "each", fit_pool(pool_of(series, dt))
+    yield "each", fit_pool(pool_of(many))
 
 
 def judged_states() -> Iterator[tuple[str, Any]]:
@@ -261,31 +261,29 @@ def fused(z: Any, params: Any, dt: Any) -> Case:
 
 
 def fleets() -> Iterator[Case]:
-    for name, count, options in (("even", 40, {}), ("uneven", 40, {}), ("moving", 12, {"momentum": "auto"})):
+    for name, count in (("even", 40), ("uneven", 40), ("moving", 12)):
         g = np.random.default_rng([3, count, len(name)])
         lengths = np.full(count, 300) if name == "even" else g.integers(20, 700, count)
-        pairs = [record(g, n, 8.0 * bool(options)) for n in lengths]
+        pairs = [record(g, n, 8.0 * (name == "moving")) for n in lengths]
         series = [z[:, 0] for z, _ in pairs]
         dt = [np.ones(len(z)) if dt is None else dt for z, dt in pairs] if name == "uneven" else None
         if name == "uneven":
             series[3], series[5], series[7] = np.full(len(series[3]), 2.5), series[5] * np.nan, np.round(series[7])
-        yield from table(name, series, dt, **options)
-        for scale, fit in pooled_fits(series, dt):
+        many = series_of(series, dt)
+        yield from table(name, many)
+        for scale, fit in pooled_fits(many):
             names = "q r ratio loglik ratio_interval verdict"
             yield {"id": f"fleets#{name}, pooled, {scale}", "tuned": fields(fit, names)}
-        if name == "uneven":
-            yield from table("r known", series, dt, r=1.0)
-            yield from table("ratio known", series, dt, ratio=0.01)
 
 
-def table(name: str, series: Any, dt: Any, **options: Any) -> Iterator[Case]:
+def table(name: str, many: Series) -> Iterator[Case]:
     """The row of each device."""
-    found = estimate_many(series, dt, **options)
-    columns = fields(found, "verdict q r q_se r_se loglik samples momentum spikes gate")
-    ends = ("ratio_interval", "q_interval", "r_interval")
+    found = estimate_many(many)
+    columns = fields(found, "verdict q r spikes gate")
+    ends = ("q_interval", "r_interval")
     columns |= {one: plain(np.transpose(getattr(found, one))) for one in ends}
-    for i in range(len(series)):
-        yield {"id": f"fleets#{name}, {i:02d}", "tuned": {one: rows[i] for one, rows in columns.items()}}
+    for i in range(len(many)):
+        yield {"id": f"fleets#{name}, {i:02d}", "row": {one: rows[i] for one, rows in columns.items()}}
 
 
 # --- sentences ------------------------------------------------------------------------------------------

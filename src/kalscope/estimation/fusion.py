@@ -18,7 +18,6 @@ from kalscope.errors import BadSetting
 from kalscope.estimation import climb
 from kalscope.estimation.climb import FitOptions, Place, Readings, SensorFit
 from kalscope.estimation.fit import checked_momentum, estimate
-from kalscope.estimation.many import above_zero_each
 from kalscope.estimation.momentum import MIN_GAIN, SHORT_RECORD
 from kalscope.estimation.result import Estimate, Shared
 from kalscope.estimation.spikes import advised_gate, checked_robust, rounding_variance
@@ -112,9 +111,21 @@ def checked_record(
     given = tuple(f"sensor {i + 1}" for i in range(sensors)) if names is None else tuple(map(str, names))
     if len(given) != sensors or len(set(given)) != sensors:
         raise BadSetting(f"names must be {sensors} different ones, one per sensor (got {', '.join(given)})")
-    known = above_zero_each("known_r", known_r, sensors, missing=True)
-    known = np.full(sensors, math.nan) if known is None else known
+    known = _known_noises(known_r, sensors)
     return SensorRecord(readings, steps_of(dt, n), given, _index(reference, given), known)
+
+
+def _known_noises(value: ArrayLike | None, sensors: int) -> Array:
+    """The known r of each sensor, NaN where it is not known."""
+    try:
+        known = np.array(
+            np.broadcast_to(np.asarray(math.nan if value is None else value, dtype=np.float64), (sensors,))
+        )
+    except (TypeError, ValueError):
+        raise BadSetting(f"known_r must be one number, or {sensors}, one each (got {value})") from None
+    if np.any(~((known > 0.0) & (known <= MAX_VARIANCE)) & ~np.isnan(known)):
+        raise BadSetting(f"known_r must be finite and above 0 (got {known.min():g} to {known.max():g})")
+    return known
 
 
 def _index(reference: int | str | None, names: tuple[str, ...]) -> int | None:

@@ -3,29 +3,22 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
-from typing import Any, Literal, cast
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from kalscope.common.numbers import Array, Indices, Mask, ShortRepr
-from kalscope.common.progress import Progress
-from kalscope.errors import BadSetting
 from kalscope.estimation import kernels
 from kalscope.estimation.climb import NORMAL
 from kalscope.estimation.fit import (
-    MAX_FACTOR,
-    checked_momentum,
     estimate,
-    estimate_fixed_r,
-    estimate_fixed_ratio,
     may_be_below_resolution,
     shows_steps,
 )
 from kalscope.estimation.likelihood import MAX_LOG_RATIO, Records, search_records, take_apart
-from kalscope.estimation.methods import ratios_near, relative_errors
 from kalscope.estimation.result import USABLE, Estimate
 from kalscope.estimation.spikes import (
     MAX_FITS,
@@ -36,8 +29,8 @@ from kalscope.estimation.spikes import (
     suspect_each,
     unpredicted,
 )
-from kalscope.estimation.verdict import MIN_VARIANCE, gain_of, lag_of
-from kalscope.filtering.params import MAX_VARIANCE, samples_of
+from kalscope.estimation.verdict import MIN_VARIANCE, lag_of
+from kalscope.filtering.params import MAX_VARIANCE
 
 # EstimateTable: what was found in each of many series, one array a quantity.
 
@@ -54,32 +47,18 @@ _USABLE_CODES = [VERDICTS.index(name) for name in USABLE]
 
 @dataclass(frozen=True, repr=False)
 class EstimateTable(ShortRepr):
-    """q, r and the related results of k series, arrays of shape (k,). No number is NaN; see `Estimate`."""
+    """What was found in k series, arrays of shape (k,). No number is NaN; see `Estimate`."""
 
     q: Array
     """Process-noise variance per nominal sample period, unit², ≥ 0; 0 where nothing could be fitted."""
     r: Array
     """Measurement-noise variance, unit², ≥ 0."""
-    q_se: Array
-    """Standard error of q, unit²; inf at an edge or where there is none."""
-    r_se: Array
-    """Standard error of r, unit²; inf at an edge."""
-    loglik: Array
-    """Log-likelihood at (q, r), exact diffuse start; 0 where nothing could be fitted."""
-    ratio_interval: tuple[Array, Array]
-    """The λ = q/r that the record allows: profile-likelihood 95 %, ends 0 … inf."""
     q_interval: tuple[Array, Array]
     """The q that the record allows, 95 %, from 0 where it does not exclude it, unit²; 0 and inf without any fit."""
     r_interval: tuple[Array, Array]
     """The r that the record allows, 95 %, from 0 where it does not exclude it, unit²; 0 and inf without any fit."""
     code: NDArray[np.uint8]
     """The verdict as its place in VERDICTS."""
-    samples: NDArray[np.int64]
-    """Finite samples; repeated lines of one time and value count once. 0 for "infinite" and "bad_steps"."""
-    momentum: Array
-    """Momentum τ, nominal sample periods; 0 = none."""
-    momentum_interval: tuple[Array, Array]
-    """The τ that the record allows, where it was searched."""
     spikes: NDArray[np.int64]
     """Samples set aside as spikes; 0 where the spike-proof fit was not used."""
     gate: Array
@@ -107,24 +86,9 @@ class EstimateTable(ShortRepr):
         return np.isin(self.code, _USABLE_CODES)
 
     @property
-    def gain(self) -> Array:
-        """Steady gain without momentum, 0 … 1."""
-        return gain_of(self.ratio)
-
-    @property
     def lag_samples(self) -> Array:
         """Lag on a ramp without momentum, samples, 0 … inf."""
         return lag_of(self.ratio)
-
-    @property
-    def gain_interval(self) -> tuple[Array, Array]:
-        """The steady gains that the record allows, without momentum."""
-        return gain_of(self.ratio_interval[0]), gain_of(self.ratio_interval[1])
-
-    @property
-    def lag_interval(self) -> tuple[Array, Array]:
-        """The lags that the record allows, without momentum, samples, the short one first."""
-        return lag_of(self.ratio_interval[1]), lag_of(self.ratio_interval[0])
 
 
 # Many series in one piece of memory: what every compiled loop over a fleet takes.
@@ -174,81 +138,11 @@ class Series:
             first = stop
 
 
-def series_of(
-    series: Series | ArrayLike | Sequence[ArrayLike], dt: ArrayLike | Sequence[ArrayLike] | None
-) -> Series:
-    """The series as one piece of memory.
-
-    Args:
-        series: a list of 1-D arrays of any lengths, a 2-D array with one series a row, or a Series.
-        dt: the steps, shaped like the series; None = 1 each, or those of the Series.
-
-    Raises:
-        BadSetting: a series is not 1-D or holds no numbers; the steps have other shapes; an array of complex
-            numbers.
-    """
-    if isinstance(series, Series):
-        if dt is not None:
-            raise BadSetting("dt must be None beside a Series, which holds its steps (got both)")
-        _check(series)
-        return Series(*map(_writeable, (series.values, series.starts, series.steps)))
-    values, starts = _joined(series, "series")
-    if dt is None:
-        return Series(_writeable(values), starts, np.empty(0))
-    steps, others = _joined(dt, "dt")
-    if not np.array_equal(starts, others):
-        raise BadSetting("dt must have one value per sample of each series (got other lengths)")
-    return Series(_writeable(values), starts, _writeable(steps))
-
-
-def _writeable(array: Any) -> Any:
-    """The array, or a copy of a read-only one (an Arrow buffer), for which the loops would be compiled again."""
-    return array if array.flags.writeable else array.copy()
-
-
-def above_zero_each(name: str, value: ArrayLike | None, count: int, missing: bool = False) -> Array | None:
-    """One number above 0 each, shape (count,), of one for all or one each, NaN if `missing`; None for None."""
-    if value is None:
-        return None
-    try:
-        array: Array = np.array(np.broadcast_to(np.asarray(value, dtype=np.float64), (count,)))
-    except (TypeError, ValueError):
-        raise BadSetting(f"{name} must be one number, or {count}, one each (got {value})") from None
-    if np.any(~((array > 0.0) & (array <= MAX_VARIANCE)) & ~(missing & np.isnan(array))):
-        raise BadSetting(f"{name} must be finite and above 0 (got {array.min():g} to {array.max():g})")
-    return array
-
-
-def _joined(series: ArrayLike | Sequence[ArrayLike], name: str) -> tuple[Array, NDArray[np.int64]]:
-    if isinstance(series, np.ndarray) and cast("Array", series).dtype != object:
-        array = samples_of(cast("Array", series))
-        if array.ndim != 2:
-            raise BadSetting(
-                f"{name} must be a list of 1-D arrays or a 2-D array, one series a row (got shape {array.shape})"
-            )
-        return np.ascontiguousarray(array).ravel(), np.arange(len(array) + 1, dtype=np.int64) * array.shape[1]
-    if not isinstance(series, Iterable):
-        raise BadSetting(f"{name} must be a list of 1-D arrays or a 2-D array (got {series})")
-    rows = [samples_of(one) for one in cast("Sequence[ArrayLike]", series)]
-    wrong = next((i for i, row in enumerate(rows) if row.ndim != 1), None)
-    if wrong is not None:
-        raise BadSetting(f"{name} must be 1-D each (got shape {rows[wrong].shape} at index {wrong})")
-    starts = np.zeros(len(rows) + 1, dtype=np.int64)
-    np.cumsum([len(row) for row in rows], out=starts[1:])
-    return (np.concatenate(rows) if rows else np.empty(0)), starts
-
-
-def _check(series: Series) -> None:
-    """What the compiled loops rely on: they would read beyond the end of the memory."""
-    values, starts, steps = series.values, series.starts, series.steps
-    if values.dtype != np.float64 or values.ndim != 1 or not values.flags.c_contiguous:
-        raise BadSetting("values of a Series must be one contiguous array of float64")
-    if starts.dtype != np.int64 or starts.ndim != 1 or len(starts) < 1 or starts[0] < 0:
-        raise BadSetting("starts of a Series must be int64, from 0 on (got something else)")
-    if np.any(np.diff(starts) < 0) or starts[-1] > len(values):
-        raise BadSetting(f"starts of a Series must rise up to at most {len(values)}, its samples (got others)")
-    if len(steps) and (steps.dtype != np.float64 or steps.shape != values.shape or not steps.flags.c_contiguous):
-        raise BadSetting("steps of a Series must be empty or one float64 a sample (got something else)")
+def series_of(rows: Iterable[ArrayLike], dt: Iterable[ArrayLike] | None = None) -> Series:
+    """Arrays of any lengths, and their steps, as one piece of memory."""
+    values, steps = ([np.asarray(one, dtype=np.float64) for one in given] for given in (rows, dt or ()))
+    starts = np.cumsum([0, *map(len, values)], dtype=np.int64)
+    return Series(np.concatenate([np.empty(0), *values]), starts, np.concatenate([np.empty(0), *steps]))
 
 
 # Which series that look spiky have no spikes after all: the loop of `spikes.spike_proof`, for many series at once.
@@ -257,16 +151,10 @@ def _check(series: Series) -> None:
 # one compiled call, so that only those with true spikes are left to the fit of a single one.
 
 
-Fit = Callable[[Series, Indices], tuple[Array, Array, Mask]]
-"""q, r and whether they can be trusted of some series, which are at these places among those given."""
-
-
-def spike_free(many: Series, fit: Fit) -> Mask:
+def spike_free(many: Series) -> Mask:
     """Whether `estimate` would return the plain fit of each series, shape (series,). False where it is not sure.
 
-    Args:
-        many: the series that look spiky, and can be fitted, in memory of their own.
-        fit: how.
+    `many` are the series that look spiky, and can be fitted, in memory of their own.
     """
     pieces = [many.one(i) for i in range(len(many))]
     outliers, seen = [far_from_median(z)[0] for z, _ in pieces], [set[bytes]() for _ in pieces]
@@ -277,11 +165,13 @@ def spike_free(many: Series, fit: Fit) -> Mask:
             break
         some, going = many.some(np.array(active)), list[int]()
         now = np.concatenate([outliers[i] for i in active])
-        q, r, good = fit(Series(np.where(now, np.nan, some.values), some.starts, some.steps), np.array(active))
-        for k in np.flatnonzero(good):
+        fitted, codes, stepped = fit_plain(
+            replace(some, values=np.where(now, np.nan, some.values)), some.starts[1:]
+        )
+        for k in np.flatnonzero((codes <= NO_MOVEMENT) & ~stepped):
             i = active[k]
             z, before = pieces[i][0], outliers[i]
-            scores = unpredicted(*pieces[i], q[k], r[k], 0.0)
+            scores = unpredicted(*pieces[i], fitted[Q, k], fitted[R, k], 0.0)
             after = scores > 0.0
             if last[i] or np.array_equal(before, after):
                 free[i] = not more_than_chance(np.where(before, scores, 0.0), z)
@@ -308,99 +198,58 @@ OK, FLAT, NO_NOISE, NO_MOVEMENT, TOO_FEW, CONSTANT, BAD_UNIT, HOLDS_INF, BAD_STE
 _OF_DEFECT = np.array([OK, TOO_FEW, CONSTANT, HOLDS_INF, BAD_STEPS], np.uint8)
 """Verdicts by their places in VERDICTS, and those of the defects of `kernels.take_apart`."""
 
-Q, R, Q_SE, R_SE, LOGLIK, LOW, HIGH, Q_LOW, Q_HIGH, R_LOW, R_HIGH, TAU, TAU_LOW, TAU_HIGH, SPIKES, GATE = range(16)
+Q, R, Q_LOW, Q_HIGH, R_LOW, R_HIGH, SPIKES, GATE = range(8)
 """The rows of numbers."""
-_NOTHING = np.zeros((16, 1))
-_NOTHING[[Q_SE, R_SE, HIGH, Q_HIGH, R_HIGH, GATE]] = math.inf
+_NOTHING = np.zeros((8, 1))
+_NOTHING[[Q_HIGH, R_HIGH, GATE]] = math.inf
 """Those of a series that cannot be fitted."""
 
 
-@dataclass(frozen=True)
-class Known:
-    """What is known of each series, shape (k,): r in unit², or λ = q/r, or nothing."""
-
-    r: Array | None = None
-    ratio: Array | None = None
-
-    @property
-    def any(self) -> bool:
-        """Whether something is known."""
-        return self.r is not None or self.ratio is not None
-
-    def some(self, rows: Indices | slice) -> Known:
-        """That of some of the series."""
-        return Known(None if self.r is None else self.r[rows], None if self.ratio is None else self.ratio[rows])
-
-
-NOTHING = Known()
-
-
-def fit_plain(
-    many: Series, stops: NDArray[np.int64], known: Known = NOTHING
-) -> tuple[Array, NDArray[np.uint8], Indices, Mask]:
+def fit_plain(many: Series, stops: NDArray[np.int64]) -> tuple[Array, NDArray[np.uint8], Mask]:
     """Fit each series up to one of `stops`, indices into the values, shape (series,).
 
     Returns:
-        The rows of numbers, shape (16, series); the verdicts as places in VERDICTS; the finite samples; whether
-        readings repeat.
+        The rows of numbers, shape (8, series); the verdicts as places in VERDICTS; whether readings repeat.
     """
     numbers, codes = np.tile(_NOTHING, len(many)), np.empty(len(many), np.uint8)
-    samples, stepped = np.empty(len(many), np.intp), np.empty(len(many), np.bool_)
+    stepped = np.empty(len(many), np.bool_)
     for first, stop in many.parts(SEARCHED):
         here = slice(first, stop)
-        data, samples[here], changes, defects = take_apart(
-            many.values, many.steps, many.starts[first:stop], stops[here]
-        )
+        data, samples, changes, defects = take_apart(many.values, many.steps, many.starts[first:stop], stops[here])
         codes[here] = _OF_DEFECT[defects]
         chosen = np.flatnonzero(defects == kernels.GOOD)
         if len(chosen):
             rows = first + chosen
-            numbers[:TAU, rows], codes[rows] = _fit(data.only(chosen), known.some(rows))
-        stepped[here] = shows_steps(changes, samples[here] - 1) & (codes[here] <= NO_NOISE)
-    return numbers, codes, samples, stepped
+            numbers[:SPIKES, rows], codes[rows] = _fit(data.only(chosen))
+        stepped[here] = shows_steps(changes, samples - 1) & (codes[here] <= NO_NOISE)
+    return numbers, codes, stepped
 
 
-def _fit(data: Records, known: Known) -> tuple[Array, NDArray[np.uint8]]:
+def _fit(data: Records) -> tuple[Array, NDArray[np.uint8]]:
     """The rows of numbers of records that can be fitted, and their codes."""
     m, everyone = data.m, np.arange(len(data.scale))
-    noise, fits = None, np.ones(len(m), np.bool_)
+    fits = np.ones(len(m), np.bool_)
     with np.errstate(all="ignore"):
-        unit = data.scale * data.scale
-        if known.r is not None:
-            noise = known.r / data.scale / data.scale
-            fits = (noise > 1.0 / MAX_FACTOR) & (noise < MAX_FACTOR)
-            noise = np.where(fits, noise, 1.0)
-        peaks = search_records(data, noise)
-        place = peaks.log_ratio if known.ratio is None else np.log(known.ratio)
-        ends = np.exp(np.minimum(np.stack([peaks.low, peaks.high], axis=1), MAX_LOG_RATIO))
-        chi2, logdet = data.sums(everyone, np.concatenate([ratios_near(place), ends], axis=1))
+        peaks = search_records(data)
+        place = peaks.log_ratio
+        ends = np.stack([place, peaks.low, peaks.high], axis=1)
+        chi2, _ = data.sums(everyone, np.exp(np.minimum(ends, MAX_LOG_RATIO)))
         sizes = chi2 / m[:, None]
-        loglik = data.logliks(everyone, chi2[:, :1], logdet[:, :1], noise)[:, 0]
-        walk, (at_infinity, q_walk) = np.isposinf(place), data.without_noise()
-        r = np.where(walk, 0.0, sizes[:, 0] if noise is None else noise)
+        walk, q_walk = np.isposinf(place), data.without_noise()[1]
+        r = np.where(walk, 0.0, sizes[:, 0])
         q = np.where(walk, q_walk, np.exp(place) * r)
         low, high = np.exp(peaks.low), np.exp(peaks.high)
         alone = np.sqrt(2.0 / m)
-        if noise is not None:
-            q_error, r_error = np.where(peaks.curvature < 0.0, 1.0 / np.sqrt(-peaks.curvature), math.inf), 0.0 * m
-            intervals = [low * noise, high * noise, noise, noise]
-        elif known.ratio is not None:
-            q_error = r_error = alone
-            intervals = [value * np.exp(side * NORMAL * alone) for value in (q, r) for side in (-1.0, 1.0)]
-        else:
-            q_error, r_error = relative_errors(place, peaks.curvature, chi2[:, :3], m)
-            least = np.where(np.isinf(high), 0.0, sizes[:, 4])
-            q_ends = low * sizes[:, 3], np.where(np.isinf(high), q_walk, high * least)
-            values = ((q, q_ends[0], -1.0), (q, q_ends[1], 1.0), (r, least, -1.0), (r, sizes[:, 3], 1.0))
-            intervals = [_apart(value, end, side * NORMAL * alone) for value, end, side in values]
-        errors = [np.where(value > 0.0, value * error, math.inf) for value, error in ((q, q_error), (r, r_error))]
-        sizes = np.stack([q, r, *errors, *intervals]) * unit
-        for value, size in ((q, sizes[0]), (r, sizes[1])):
+        least = np.where(np.isinf(high), 0.0, sizes[:, 2])
+        q_ends = low * sizes[:, 1], np.where(np.isinf(high), q_walk, high * least)
+        values = ((q, q_ends[0], -1.0), (q, q_ends[1], 1.0), (r, least, -1.0), (r, sizes[:, 1], 1.0))
+        intervals = [_apart(value, end, side * NORMAL * alone) for value, end, side in values]
+        numbers = np.stack([q, r, *intervals]) * data.scale * data.scale
+        for value, size in ((q, numbers[Q]), (r, numbers[R])):
             fits &= (value == 0.0) | ((size > MIN_VARIANCE) & (size <= MAX_VARIANCE))
-    numbers = np.stack([*sizes[:4], np.where(walk, at_infinity, loglik), low, high, *sizes[4:]])
     flat = np.isneginf(peaks.low) & np.isposinf(peaks.high)
     codes = np.select([~fits, r == 0.0, q == 0.0, flat], [BAD_UNIT, NO_NOISE, NO_MOVEMENT, FLAT], OK)
-    return np.where(fits, numbers, _NOTHING[:TAU]), codes.astype(np.uint8)
+    return np.where(fits, numbers, _NOTHING[:SPIKES]), codes.astype(np.uint8)
 
 
 def _apart(value: Array, end: Array, wide: Array) -> Array:
@@ -414,7 +263,7 @@ def _apart(value: Array, end: Array, wide: Array) -> Array:
 
 def fitted_ratios(many: Series, stops: NDArray[np.int64]) -> Array:
     """The most likely λ of each series up to one of `stops`, 0 … inf; NaN without any."""
-    numbers, codes, _, _ = fit_plain(many, stops)
+    numbers, codes, _ = fit_plain(many, stops)
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.where(codes <= NO_MOVEMENT, numbers[Q] / numbers[R], math.nan)
 
@@ -434,19 +283,19 @@ def pair_intervals(one: Estimate, z: Array, steps: Array) -> tuple[float, float,
         Least and largest q, least and largest r, unit²; 0 and inf where nothing is excluded.
     """
     wald = (*_around(one.q, one.q_se), *_around(one.r, one.r_se))
-    q, r = np.array([one.q]), np.array([one.r])
-    if one.momentum > 0.0 or not (one.q > 0.0 and one.r > 0.0):
+    if one.method == "fixed_r" and one.q > 0.0:
+        low, high = one.ratio_interval
+        return one.r * low, one.r * high, one.r, one.r
+    if one.method != "ml" or one.momentum > 0.0 or not (one.q > 0.0 and one.r > 0.0):
         return wald
-    known = {"fixed_r": Known(r=r), "fixed_ratio": Known(ratio=q / r)}.get(one.method, NOTHING)
     used = z if one.outliers is None else np.where(one.outliers, np.nan, z)
     many = Series(np.array(used, dtype=np.float64), np.array([0, len(z)]), steps)
-    numbers, (code,), _, _ = fit_plain(many, many.starts[1:], known)
+    numbers, (code,), _ = fit_plain(many, many.starts[1:])
     fitted = numbers[:, 0]
     if code not in (OK, FLAT) or abs(fitted[Q] / fitted[R] / one.ratio - 1.0) > EQUAL:
         return wald
     # The spike-proof fit corrects r for the good samples that its rule removes.
-    factor = 1.0 if one.method == "fixed_r" else one.r / fitted[R]
-    low, high, r_low, r_high = (factor * fitted[Q_LOW:TAU]).tolist()
+    low, high, r_low, r_high = (one.r / fitted[R] * fitted[Q_LOW:SPIKES]).tolist()
     return low, high, r_low, r_high
 
 
@@ -461,98 +310,40 @@ def _around(value: float, error: float) -> tuple[float, float]:
 # `estimate_many`: q and r of many series in one compiled call, without Python code per series.
 
 
-def estimate_many(
-    series: Series | ArrayLike | Sequence[ArrayLike],
-    dt: ArrayLike | Sequence[ArrayLike] | None = None,
-    *,
-    momentum: float | Literal["auto"] = 0.0,
-    robust: bool | Literal["auto"] = "auto",
-    r: ArrayLike | None = None,
-    ratio: ArrayLike | None = None,
-    progress: Callable[[float, str], None] | None = None,
-    cancelled: Callable[[], bool] | None = None,
-) -> EstimateTable:
-    """Find q and r by maximum likelihood in many series: the numbers of `estimate`, thousands of series a second.
+def estimate_many(many: Series, robust: bool | Literal["auto"] = "auto") -> EstimateTable:
+    """Find q and r by maximum likelihood in many series: `estimate(z, momentum=0)`, thousands of series a second.
 
-    A series that cannot be fitted is a row with its verdict, never an error. Without momentum, the default, the
-    table holds what `estimate(z, momentum=0)` finds. With it, or where a series has spikes (which the compiled call
-    detects), a series takes as long as in `estimate`.
+    A series that cannot be fitted is a row with its verdict, never an error. One that has spikes, which the
+    compiled call detects, takes as long as in `estimate`.
 
     Args:
-        series: a list of 1-D arrays of any lengths, a 2-D array with one series a row, or a Series (all samples in
-            one array, such as the buffer of an Arrow list column); NaN is a missing sample.
-        dt: nominal sample periods before each sample, ≥ 0, shaped like `series`; None = 1 each.
-        momentum: τ in nominal sample periods or "auto", as in `estimate`.
+        many: the series, in memory that may be written, or the loops would be compiled once more.
         robust: whether spikes are set aside, as in `estimate`.
-        r: measurement-noise variance where it is known, unit², > 0, one or shape (series,): as `estimate_fixed_r`.
-        ratio: λ = q/r where it is chosen, > 0, one or shape (series,): as `estimate_fixed_ratio`.
-        progress: called with the fraction done and a few words; None = not reported.
-        cancelled: whether to stop; None = never.
-
-    Returns:
-        An EstimateTable, arrays of shape (series,).
-
-    Raises:
-        BadSetting: the series or dt have another shape; momentum, robust, r or ratio is out of range, or r and
-            ratio are both given, or one of them with momentum.
-        Cancelled: `cancelled()` was true.
-
-    Source: as `estimate`.
     """
-    many = series_of(series, dt)
-    k, tau, always = len(many), checked_momentum(momentum), checked_robust(robust)
-    known = Known(above_zero_each("r", r, k), above_zero_each("ratio", ratio, k))
-    if known.r is not None and known.ratio is not None:
-        raise BadSetting("r and ratio must not both be given: together they leave nothing to find (got both)")
-    if known.any and tau != 0.0:
-        raise BadSetting(f"momentum must be 0 where r or ratio is given (got {momentum!r})")
-    report, set_aside = Progress(progress, cancelled), [np.empty(0, np.intp)]
-    numbers, codes, samples = np.empty((16, k)), np.empty(k, np.uint8), np.empty(k, np.intp)
-    report(0.0, "fit")
-    together = tau == 0.0 and always is not True
-    for first, stop in many.parts(_AT_ONCE if together else 1):
+    always, set_aside = checked_robust(robust), [np.empty(0, np.intp)]
+    numbers, codes = np.empty((len(_NOTHING), len(many))), np.empty(len(many), np.uint8)
+    for first, stop in many.parts(_AT_ONCE):
         here, some = slice(first, stop), many.between(first, stop)
-        numbers[:, here], codes[here], samples[here], again = fit_plain(some, some.starts[1:], known.some(here))
-        if not together:
+        numbers[:, here], codes[here], again = fit_plain(some, some.starts[1:])
+        if always is None:
+            again |= _spiky(some, numbers[:, here], again)
+        elif always:
             again = codes[here] < TOO_FEW
-        elif always is None:
-            again |= _spiky(some, numbers[:, here], again, known.some(here))
-        elif known.any:
-            again[:] = False
         for i in (first + np.flatnonzero(again)).tolist():
             z, steps = many.one(i)
-            if together and always is False and not may_be_below_resolution(z, float(numbers[R, i])):
+            if always is False and not may_be_below_resolution(z, float(numbers[R, i])):
                 continue
-            one = _alone(z, steps, known.some(slice(i, i + 1)), momentum, robust)
-            numbers[:, i], codes[i] = _row(one, z, steps), VERDICTS.index(one.verdict)
+            one = estimate(z, dt=steps if len(steps) else None, momentum=0.0, robust=robust)
+            gate = math.inf if one.gate is None else one.gate
+            numbers[:, i] = one.q, one.r, *pair_intervals(one, z, steps), sum(map(len, one.spikes)), gate
+            codes[i] = VERDICTS.index(one.verdict)
             set_aside += [int(many.starts[i]) + rows for rows in one.spikes]
-        report(stop / max(k, 1), "fit")
-    q, r_found, q_se, r_se, loglik, low, high, q_low, q_high, r_low, r_high, *rest = numbers
-    taus, tau_low, tau_high, spikes, gate = rest
-    return EstimateTable(
-        q, r_found, q_se, r_se, loglik, (low, high), (q_low, q_high), (r_low, r_high), codes, samples,
-        taus, (tau_low, tau_high), spikes.astype(np.intp), gate, np.concatenate(set_aside),
-    )  # fmt: skip
+    q, r, q_low, q_high, r_low, r_high, spikes, gate = numbers
+    intervals = (q_low, q_high), (r_low, r_high)
+    return EstimateTable(q, r, *intervals, codes, spikes.astype(np.intp), gate, np.concatenate(set_aside))
 
 
-def _alone(z: Array, steps: Array, known: Known, momentum: Any, robust: Any) -> Estimate:
-    """The estimate of one series."""
-    dt = steps if len(steps) else None
-    if known.r is not None:
-        return estimate_fixed_r(z, float(known.r[0]), dt, robust)
-    if known.ratio is not None:
-        return estimate_fixed_ratio(z, float(known.ratio[0]), dt, robust)
-    return estimate(z, dt=dt, momentum=momentum, robust=robust)
-
-
-def _row(one: Estimate, z: Array, steps: Array) -> tuple[float, ...]:
-    """The numbers of one series."""
-    spikes, gate = sum(map(len, one.spikes)), math.inf if one.gate is None else one.gate
-    ends = (*one.ratio_interval, *pair_intervals(one, z, steps))
-    return one.q, one.r, one.q_se, one.r_se, one.loglik, *ends, one.momentum, *one.momentum_interval, spikes, gate
-
-
-def _spiky(many: Series, numbers: Array, stepped: Mask, known: Known) -> Mask:
+def _spiky(many: Series, numbers: Array, stepped: Mask) -> Mask:
     """Which series may have spikes that `estimate` would set aside; False where readings repeat."""
     suspect = np.empty(len(many), np.bool_)
     for first, stop in many.parts(SEARCHED):
@@ -560,11 +351,6 @@ def _spiky(many: Series, numbers: Array, stepped: Mask, known: Known) -> Mask:
         starts, steps = many.starts[first : stop + 1] - part.start, many.steps[part]
         suspect[first:stop] = suspect_each(many.values[part], steps, starts, pairs[Q], pairs[R])
     chosen = np.flatnonzero(suspect & ~stepped)
-
-    def fit(some: Series, at: Indices) -> tuple[Array, Array, Mask]:
-        fitted, codes, _, repeats = fit_plain(some, some.starts[1:], known.some(chosen[at]))
-        return fitted[Q], fitted[R], (codes <= NO_MOVEMENT) & ~repeats
-
     if len(chosen):
-        suspect[chosen] = ~spike_free(many.some(chosen), fit)
+        suspect[chosen] = ~spike_free(many.some(chosen))
     return suspect

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from statistics import NormalDist
 from typing import Any, cast
@@ -18,7 +17,7 @@ from kalscope.estimation import kernels
 from kalscope.estimation.climb import NORMAL
 from kalscope.estimation.fit import estimate
 from kalscope.estimation.likelihood import DEFAULT_LOG_RATIOS, Peak, Records, find_peak, take_apart
-from kalscope.estimation.many import SEARCHED, Series, fitted_ratios, series_of
+from kalscope.estimation.many import SEARCHED, Series, fitted_ratios
 from kalscope.estimation.result import Estimate
 from kalscope.estimation.verdict import exp, gain_of, lag_of
 from kalscope.filtering.filter import kalman_filter
@@ -90,21 +89,12 @@ class Pool:
         return np.where(np.isneginf(log_ratios), row[-2], np.where(np.isposinf(log_ratios), row[-1], inner))
 
 
-def pool_of(
-    series: Series | ArrayLike | Sequence[ArrayLike], dt: ArrayLike | Sequence[ArrayLike] | None = None
-) -> Pool:
+def pool_of(many: Series) -> Pool:
     """The pool of some devices, one compiled call. Series that cannot be fitted do not count.
-
-    Args:
-        series: as `estimate_many` takes them.
-        dt: nominal sample periods before each sample, shaped like `series`; None = 1 each.
-
-    Raises:
-        BadSetting: the series or dt have another shape.
 
     Source: Durbin & Koopman (2012), section 2.10, for the likelihood; independent devices add.
     """
-    many, pool = series_of(series, dt), Pool.empty()
+    pool = Pool.empty()
     for first, stop in many.parts(SEARCHED):
         starts = many.starts[first : stop + 1]
         data, _, _, defects = take_apart(many.values, many.steps, starts[:-1], starts[1:])
@@ -212,30 +202,21 @@ LOG_RATIOS = np.linspace(-15.0, 7.0, 23)
 LOG_RATIOS.setflags(write=False)
 
 
-def held_out(
-    series: Series | ArrayLike | Sequence[ArrayLike],
-    dt: ArrayLike | Sequence[ArrayLike] | None = None,
-    momentum: Mask | None = None,
-) -> Array:
+def held_out(many: Series, momentum: Mask | None = None) -> Array:
     """What each device would lose by any shared λ: prediction error over that of a filter of its own.
 
     The device's own filter is the most likely one for the first half of its samples; the errors of both, root mean
     squares of predicting the next sample, are those on the second half.
 
     Args:
-        series: as `estimate_many` takes them.
-        dt: nominal sample periods before each sample, shaped like `series`; None = 1 each.
+        many: the devices.
         momentum: whose own filter may have momentum, shape (series,); None = none. Such a fit takes as long as in
             `estimate`.
 
     Returns:
         The ratio at each of LOG_RATIOS, shape (series, 23), above 1 where the device would do better alone; NaN
         where the first half cannot be fitted.
-
-    Raises:
-        BadSetting: the series or dt have another shape.
     """
-    many = series_of(series, dt)
     middles = (many.starts[:-1] + many.starts[1:]) // 2
     fitted = fitted_ratios(many, middles)
     errors = np.full((len(many), len(LOG_RATIOS) + 1), math.nan)

@@ -249,8 +249,8 @@ def _fit_plain(block: Block, steps: Array, chosen: Indices, options: FleetOption
     if len(chosen) < len(sizes):
         values = np.concatenate([values[block.starts[i] : block.starts[i + 1]] for i in chosen])
     starts = np.concatenate(([0], np.cumsum(sizes[chosen]))).astype(np.int64)
-    many = Series(values, starts, np.empty(0))
-    table = estimate_many(many, robust=request.robust)
+    many = Series(np.require(values, np.float64, ["C", "W"]), starts, np.empty(0))
+    table = estimate_many(many, request.robust)
     cleaned = many
     if len(table.set_aside):
         cleaned = replace(many, values=values.copy())
