@@ -127,7 +127,7 @@ def test_q_r_and_p0_take_effect_in_the_next_rows_as_in_the_exported_sketch(sketc
 
 def test_the_sketch_of_a_demo_board_measures_its_own_noise(sketch):
     (found,) = measure(sketch, None, 0.5, lambda *_: None)
-    assert found.answer.samples + found.answer.spikes == 500
+    assert found.answer.samples + found.answer.spikes == 424
     assert found.answer.r == pytest.approx(found.here.r, rel=1e-6)
     assert found.answer.r == pytest.approx(9.0, rel=0.3)
     (answer,) = values_in_use(sketch)

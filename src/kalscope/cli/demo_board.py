@@ -6,6 +6,7 @@ commands, as the exported Arduino sketch does; `export/board.py` sends them and 
 
 from __future__ import annotations
 
+import math
 import re
 import select
 import socket
@@ -22,8 +23,8 @@ from kalscope.cli.options import Source, number_option, whole
 from kalscope.cli.options import number as cli_number
 from kalscope.common.stopping import stop_signals
 from kalscope.errors import BadDevice, BadSetting, reason_of
-from kalscope.estimation.noise import noise_from_still
-from kalscope.export.board import MAX_LETTERS
+from kalscope.estimation.noise import SPIKE, StillNoise, noise_from_still
+from kalscope.estimation.still import GROUPS, MAX_DRIFT, SURE
 from kalscope.export.names import identifiers
 from kalscope.recording import Recording
 from kalscope.sources.live.source import MAX_COMMAND_BYTES
@@ -134,6 +135,8 @@ def send_lines(client: socket.socket, lines: BoardLines, stop: threading.Event) 
 _START = {"q": 0.01, "r": 1.0, "p": np.inf}
 """The values of the export; a measurement of r keeps q over r."""
 _COMMAND = re.compile(r"(\d{0,3}) *(?:\?|([qrpc]) *((?:\d*\.)?\d+(?:e[+-]?\d+)?|inf))", re.ASCII)
+_LEARNING, _MIN_EACH, _MAX_EACH, _MIN_CHANGES = 16, 8, 8000, 16
+"""Of `KalscopeCalibration.h`: rows before the groups that are measured, rows in each, and unequal neighbours."""
 _REFUSAL = "# not understood; q VALUE, r VALUE (0 or more, not both 0), p VALUE (or inf), c SECONDS or ?"
 
 
@@ -148,6 +151,8 @@ class Sketch(BoardLines):
         self._used = {key: np.full(count, value, np.float32) for key, value in _START.items()}
         self._x, self._p = np.full(count, np.nan, np.float32), self._used["p"].copy()
         self._ends: dict[int, tuple[int, int]] = {}  # by channel: when a measurement ends, and its rows
+        self.rows_per_s = len(self.lines) / self.period
+        """By which the time of a measurement counts."""
 
     def line(self, row: int) -> bytes:
         """The line of a sample, and what a measurement found that ends with it."""
@@ -165,10 +170,12 @@ class Sketch(BoardLines):
 
     def _found(self, i: int, end: int, rows: int) -> str:
         z = self._z[np.arange(end - rows, end) % len(self._z), i].astype(np.float64)
-        try:
+        still = None
+        with suppress(BadSetting):
             still = noise_from_still(z)
-        except BadSetting as error:
-            return f"# {self._names[i]} not calibrated: {error}"[:MAX_LETTERS]
+        why = _why_not_still(z, still)
+        if still is None or why:
+            return f"# {self._names[i]} not calibrated: {why}"
         q, r, step = np.array([still.r * _START["q"] / _START["r"], still.r, still.quantum], np.float32)
         self._used["q"][i], self._used["r"][i] = q, r
         missing = int(np.isnan(z).sum())
@@ -196,9 +203,7 @@ class Sketch(BoardLines):
         """What the sketch says to a command for one channel; "" where it cannot work with the value."""
         used = {key: values[i] for key, values in self._used.items()}
         if what == "c":
-            rows = round(min(float(value), 1e6) * len(self.lines) / self.period)
-            self._ends[i] = self._sent + rows, rows
-            return f"# {self._names[i]} " + (f"calibrating rows={rows}" if rows else "not calibrated: cancelled")
+            return f"# {self._names[i]} {self._begin(i, float(value))}"
         if what is not None:
             used[what] = value
             if not 0.0 < used["q"] + used["r"] < np.inf:
@@ -208,6 +213,54 @@ class Sketch(BoardLines):
             self._x[i], self._p[i] = np.nan, value
         values = " ".join(f"{key}={one:.6e}" for key, one in used.items())
         return f"# {self._names[i]} {values} bits={_bits(*used.values())}"
+
+    def _begin(self, i: int, seconds: float) -> str:
+        """Begin to measure for so long; 0 s ends it."""
+        self._ends.pop(i, None)
+        if seconds == 0.0:
+            return "not calibrated: cancelled"
+        least, most = (
+            100.0 * (_LEARNING + (GROUPS + 1) * each) / self.rows_per_s for each in (_MIN_EACH, _MAX_EACH)
+        )
+        each = (round(min(seconds * self.rows_per_s, 1e9)) - _LEARNING) // (GROUPS + 1)
+        if each < _MIN_EACH:
+            return f"not calibrated: too short; {0.01 * math.ceil(least):g} s at least"
+        if each > _MAX_EACH:
+            return f"not calibrated: too long; {0.01 * math.floor(most):g} s at most"
+        rows = _LEARNING + (GROUPS + 1) * each
+        self._ends[i] = self._sent + rows, GROUPS * each
+        return f"calibrating rows={rows}"
+
+
+def _why_not_still(z: NDArray[np.float64], still: StillNoise | None) -> str:
+    """Why the sketch refuses these readings, groups of equal size, whose noise is `still`; "" if it does not."""
+    n, missing = len(z), int(np.isnan(z).sum())
+    if missing > n // 10:
+        return f"no reading in {missing} of {n} samples"
+    changes = int(np.count_nonzero(np.nan_to_num(np.diff(z))))
+    if still is None or (still.variance <= still.floor and changes < _MIN_CHANGES):
+        return "nearly all readings are equal"
+    if (spikes := n - missing - still.samples) > n // 20:
+        return f"spikes in {spikes} of {n} samples"
+    off = z - still.drift * np.arange(n)
+    off -= np.nanmedian(off)
+    off[np.abs(off) > SPIKE * max(math.sqrt(still.r), still.quantum)] = np.nan
+    groups, chance = off.reshape(GROUPS, -1), GROUPS - 2 + SURE * math.sqrt(2.0 * (GROUPS - 2)) + 3.0
+    wander, drift = float(np.var(np.nanmean(groups, axis=1))) * n / still.r, abs(still.drift) * n
+    if wander > max(chance, n / 100.0) or drift > MAX_DRIFT * math.sqrt(still.r):
+        return "the level moves"
+    return "" if still.variance <= still.floor else _why_not_white(off, groups, still)
+
+
+def _why_not_white(off: NDArray[np.float64], groups: NDArray[np.float64], still: StillNoise) -> str:
+    """Why readings about their line, `off`, also in `groups`, are no white noise; "" if they are."""
+    n = len(off)
+    apart = float(np.ptp(np.nanvar(groups, axis=1, ddof=1))) / still.variance
+    coarse = 2.0 + still.quantum**2 / still.variance
+    if apart**2 > max(0.16, GROUPS * (2.0 * SURE) ** 2 * coarse / n):
+        return "the noise is uneven"
+    jumps = float(np.nanmean(np.diff(off) ** 2)) / (2.0 * still.variance) - 1.0
+    return "neighbouring readings depend on each other" if jumps**2 > max(0.01, SURE**2 / n) else ""
 
 
 def _bits(*values: np.float32) -> str:

@@ -111,7 +111,7 @@ def test_a_board_measures_and_its_values_are_compared_used_and_kept(desk):
         f"The board measured r = {number(values.r, 4)} unit², and for the lag of the export q = "
     )
     assert "here: equal within 0.0010 %." in desk.text
-    assert "; from 800 samples" in desk.text
+    assert "; from 696 samples" in desk.text
     ((said, how),) = desk.told
     assert (said[:21], how["good"]) == ("The board measured r ", True)
     before = desk.state.tuning
@@ -155,20 +155,20 @@ def test_what_went_wrong_is_said_and_stays_on_screen_and_nothing_is_stuck(desk):
         before = len(desk.board.asked)
 
         def wait_and_act():
-            wait_until(lambda: desk.shown("Cancel") and "c 1000" in desk.board.asked[before:])
+            wait_until(lambda: desk.shown("Cancel") and "c 300" in desk.board.asked[before:])
             act()
 
         return wait_and_act
 
     cancel = once_it_measures(lambda: desk.click("Cancel"))
-    assert fails("cancelled: the board keeps its values", "1000", cancel)["good"]
+    assert fails("cancelled: the board keeps its values", "300", cancel)["good"]
     wait_until(lambda: desk.text == "")
     another = once_it_measures(lambda: desk.session.request(lambda state: opened(state.recording, state)))
-    fails("The board was disconnected before it answered", "1000", another)
+    fails("The board was disconnected before it answered", "300", another)
     assert not desk.view._folder.visible
     desk.session.request(undo)
     wait_until(lambda: desk.view._folder.visible and desk.connection.source.status().word == "connected")
     desk.board.refuses = ""
 
-    fails("The board was disconnected before it answered", "1000", once_it_measures(desk.board.unplug))
+    fails("The board was disconnected before it answered", "300", once_it_measures(desk.board.unplug))
     fails("is not connected", "4")

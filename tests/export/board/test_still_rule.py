@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 from exported_rule import GROUPS, LEARNING, compiled_rule, rows_of
 
+from kalscope import Recording
+from kalscope.cli.demo_board import Sketch
 from kalscope.errors import BadSetting
 from kalscope.estimation.noise import noise_from_still
 from kalscope.export.registry import export_tuning
@@ -87,6 +89,26 @@ def test_what_shows_more_or_less_than_noise_is_refused(measure, state):
         assert found.state == state
         assert state != "MISSING" or found.missing == 34
         assert state != "SPIKES" or found.spikes == 17
+
+
+FOUND = [still(), still(0.3), np.round(still(1.5)), np.where(np.arange(ROWS) % 97 == 50, 800.0, still())]
+WORDS = {
+    "MOVING": "the level moves",
+    "DEPENDENT": "neighbouring readings depend on each other",
+    "UNEVEN": "the noise is uneven",
+    "MISSING": "no reading in",
+    "EQUAL": "nearly all readings are equal",
+    "FOUND": "calibrated r=",
+}
+
+
+@pytest.mark.parametrize("state", WORDS)
+def test_a_demo_board_decides_as_the_exported_rule(state):
+    for z in REFUSED.get(state, FOUND):
+        board = Sketch(Recording(np.arange(ROWS) * 0.005, ("light",), ("",), z[:, None], 0.005))
+        assert board.obey(b"c 2\n") == b"# light calibrating rows=%d\r\n" % ROWS
+        *_, last = b"".join(map(board.line, range(ROWS))).splitlines()
+        assert WORDS[state] in last.decode()
 
 
 def test_clipped_noise_is_refused_before_its_figure_is_believed(measure):
