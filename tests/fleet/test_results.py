@@ -17,10 +17,9 @@ from kalscope.errors import BadFile, BadSetting
 from kalscope.estimation.request import Request
 from kalscope.fleet.read import FleetOptions
 from kalscope.fleet.results import RunNote, device_tuning, read_fleet, reopen
-from kalscope.fleet.store import SUMMARY, TABLE, TUNING
+from kalscope.fleet.store import SUMMARY, TABLE
 from kalscope.sources.grammar.read_options import DEFAULTS
 from kalscope.sources.reading.recording_file import read_recording
-from kalscope.tuning.file import load_tuning
 
 
 @pytest.fixture(scope="module")
@@ -49,14 +48,12 @@ def test_a_finished_fleet_has_its_answer_and_its_sources(folder):
 
 
 @pytest.mark.slow
-def test_a_device_is_opened_as_it_was_read_at_its_own_or_the_shared_setting(folder):
+def test_a_device_is_opened_as_it_was_read_at_its_own_setting(folder):
     fleet = read_fleet(folder)
     recording = reopen(fleet.devices.ids[NOISY], fleet.devices.sources[NOISY], fleet.note)
     assert np.array_equal(recording.values, read_recording(folder.parent / "logs" / "dev03.csv").values)
-    mine, all_of_them = device_tuning(fleet, NOISY), device_tuning(fleet, NOISY, shared=True)
+    mine = device_tuning(fleet, NOISY)
     assert (mine.channels[0].q, mine.channels[0].r) == (fleet.devices.q[NOISY], fleet.devices.r[NOISY])
-    saved = load_tuning(folder / TUNING).channels[0]
-    assert (all_of_them.channels[0].q, all_of_them.channels[0].r) == (saved.q, saved.r)
     assert mine.sample_period == pytest.approx(0.01)
     with pytest.raises(BadSetting):
         device_tuning(fleet, fleet.devices.ids.index("empty.csv"))

@@ -256,16 +256,11 @@ def held_out_at(growth: ArrayLike, ratio: float) -> Array:
     Args:
         growth: of `held_out`, shape (k, 23), also as float32.
         ratio: λ that all share, > 0.
-
-    Raises:
-        BadSetting: growth has another shape; ratio is not above 0.
     """
     from scipy.interpolate import CubicSpline
 
     growth = np.asarray(growth, dtype=np.float64)
-    if growth.ndim != 2 or growth.shape[1] != len(LOG_RATIOS):
-        raise BadSetting(f"growth must be of shape (devices, {len(LOG_RATIOS)}) (got {growth.shape})")
-    place = min(max(math.log(above_zero("ratio", ratio, MAX_VARIANCE)), LOG_RATIOS[0]), LOG_RATIOS[-1])
+    place = min(max(math.log(ratio), LOG_RATIOS[0]), LOG_RATIOS[-1])
     judged = np.isfinite(growth).all(axis=1) & (growth > 0.0).all(axis=1)
     out = np.full(len(growth), math.nan)
     if judged.any():
@@ -343,13 +338,6 @@ def _settled(inputs: Array) -> tuple[Array, Array]:
 # Devices compared: which lie apart from the others.
 
 
-EDGE = 1.5
-"""Least standard deviation, in ln, beyond the end of an interval whose estimate is 0: short recordings without any
-movement are more frequent than a likelihood that is quadratic in the logarithm predicts."""
-
-Interval = tuple[ArrayLike, ArrayLike]
-
-
 _MAD = NormalDist().inv_cdf(0.75)
 """Median distance from the median of a normal distribution, standard deviations: 0.6745."""
 
@@ -362,8 +350,7 @@ class Outliers:
     """How far each of k devices lies from the others in one quantity."""
 
     z: Array
-    """Distance from the fleet's middle in standard deviations, shape (k,); NaN where the device has no value, ±inf
-    where its value is infinite (ln q of q = 0)."""
+    """Distance from the fleet's middle in standard deviations, shape (k,); NaN where the device has no value."""
     devices: Indices
     """Those beyond the threshold, farthest first."""
     threshold: float
@@ -376,61 +363,36 @@ class Outliers:
     """Standard deviation of the fleet by the median distance from the median, without that of the estimates."""
 
 
-def outliers(values: ArrayLike, interval: Interval | None = None, expected: float = 0.05) -> Outliers:
+def outliers(values: Array, interval: tuple[Array, Array], expected: float) -> Outliers:
     """The devices whose value is unlike that of the others.
 
     Args:
-        values: one a device, on a scale on which they scatter normally (ln r, ln q, ln λ, ln of the rate), shape
+        values: one a device, on a scale on which they scatter normally (ln r, ln q, ln of the rate), finite, shape
             (k,); NaN for a device without one.
         interval: the 95 % interval of each, two arrays of shape (k,), ends may be infinite: a short recording
-            scatters more. None = the values are exact.
+            scatters more.
         expected: devices that may be named by chance in the whole fleet, above 0, at most one in twenty: 0.05 names
             one in one fleet of twenty.
 
-    Raises:
-        BadSetting: values or interval have another shape, or expected is out of range.
-
     Source: Iglewicz & Hoaglin (1993), How to detect and handle outliers, for the robust z.
     """
-    values = np.asarray(values, dtype=np.float64)
-    low, high = (np.asarray(end, dtype=np.float64) for end in (interval or (values, values)))
-    if values.ndim != 1 or low.shape != values.shape or high.shape != values.shape:
-        raise BadSetting(
-            f"values and both ends of interval must have shape (k,) (got {values.shape}, {low.shape}, {high.shape})"
-        )
-    if np.any((low > values) | (high < values)):
-        raise BadSetting("interval must hold its value (got values outside)")
     given = ~np.isnan(values)
     count = int(given.sum())
     if count < MIN_DEVICES:
         return Outliers(np.full(len(values), math.nan), np.empty(0, np.intp), math.inf, 0.0, math.nan, math.nan)
-    if not 0.0 < expected <= max(0.05 * count, 1.0):
-        raise BadSetting(f"expected must be above 0 and at most a twentieth of the devices (got {expected})")
     threshold = -NormalDist().inv_cdf(0.5 * expected / count)
     middle = float(np.median(values[given]))
-    if not math.isfinite(middle):  # most have q = 0: what is unlike them cannot be measured on this scale
-        return Outliers(np.full(len(values), math.nan), np.empty(0, np.intp), threshold, 0.0, middle, math.nan)
     whole = float(np.median(np.abs(values[given] - middle))) / _MAD
-    with np.errstate(invalid="ignore"):
-        sides: Array = np.stack([values - low, high - values]) / NORMAL
-    sides[np.isnan(sides)] = 0.0 if interval is None else math.inf
-    down: Array = sides[0]
-    up: Array = sides[1]
+    sides: Array = np.stack([values - interval[0], interval[1] - values]) / NORMAL
+    down, up = sides[0], sides[1]
     errors: Array = np.where(np.isinf(sides[::-1]), sides, 0.5 * (down + up)).min(axis=0)[given]
     errors = errors[np.isfinite(errors)]
     usual = float(np.median(errors)) if len(errors) else 0.0
-    spread = math.sqrt(max(whole * whole - usual * usual, 0.0)) if math.isfinite(whole) else 0.0
+    spread = math.sqrt(max(whole * whole - usual * usual, 0.0))
     with np.errstate(divide="ignore", invalid="ignore"):
         # the side of the interval that faces the middle counts
         sizes = np.hypot(spread, np.where(values < middle, up, down))
         z = np.where(values == middle, 0.0, (values - middle) / sizes)
-        # ln of 0 is 1.96 away where its interval holds the middle, and farther by how far it ends before that
-        size = max(math.hypot(spread, usual), EDGE)
-        below = -NORMAL - np.maximum(middle - high, 0.0) / size
-        above = NORMAL + np.maximum(low - middle, 0.0) / size
-    if interval is not None:
-        z = np.where(np.isneginf(values), below, np.where(np.isposinf(values), above, z))
-    z = np.where(np.isnan(values), math.nan, z)
     beyond = np.flatnonzero(np.abs(z) > threshold)
     order = np.argsort(-np.abs(z[beyond]), kind="stable")
     return Outliers(z, beyond[order], threshold, expected, middle, spread)

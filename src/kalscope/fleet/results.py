@@ -23,7 +23,6 @@ import numpy as np
 from kalscope.common.charts import document, markup_of_table
 from kalscope.common.files import atomic_file, write_atomic
 from kalscope.common.numbers import Array, Indices, Mask
-from kalscope.common.progress import OnProgress
 from kalscope.common.text import (
     THIN_SPACE,
     count,
@@ -498,30 +497,21 @@ def read_fleet(folder: Path) -> Fleet:
     return Fleet(folder, devices, shared, read.why_not, read.note)
 
 
-def reopen(
-    name: str,
-    source: str,
-    note: RunNote,
-    options: ReadOptions | None = None,
-    *,
-    progress: OnProgress | None = None,
-) -> Recording:
+def reopen(name: str, source: str, note: RunNote) -> Recording:
     """Read the recording of a row as the fleet read it.
 
     Args:
         name: Of the device.
         source: Where it is, see `Row.source`.
         note: Of the run.
-        options: How to read it; None = as the fleet did.
-        progress: See `read_recording`; a data set has none.
 
     Raises:
         BadFile: it is not where it was when the fleet was read, or cannot be read.
         BadSetting: an option does not suit it.
     """
-    reading, period = note.reading if options is None else options, note.sample_period
+    reading, period = note.reading, note.sample_period
     if not source.startswith("["):
-        return read_recording(_existing(source), reading, sample_period=period, progress=progress)
+        return read_recording(_existing(source), reading, sample_period=period)
     try:
         data_set, paths = json.loads(source)
         pieces = tuple(Piece(_existing(str(path))) for path in paths)
@@ -539,15 +529,13 @@ def _existing(path: str) -> str:
     return path
 
 
-def device_tuning(fleet: Fleet, i: int, *, shared: bool = False) -> Tuning:
-    """The filter that was fitted to this device, or with `shared` that for all, where there is one, on its channel.
+def device_tuning(fleet: Fleet, i: int) -> Tuning:
+    """The filter that was fitted to this device, on its channel.
 
     Raises:
         BadSetting: the device has none.
     """
     devices, channel = fleet.devices, (fleet.devices.channels[i], fleet.devices.units[i])
-    if shared and fleet.shared is not None:
-        return _tuning(*channel, fleet.shared.params, fleet.shared.how, devices.sample_period)
     numbers = (devices.q, devices.r, devices.momentum, devices.gate, devices.rate_hz)
     q, r, momentum, gate, rate = (None if math.isnan(one[i]) else float(one[i]) for one in numbers)
     if q is None or r is None:
