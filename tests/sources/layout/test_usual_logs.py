@@ -34,282 +34,248 @@ def nmea(sentence):
     return f"${sentence}*{reduce(int.__xor__, sentence.encode()):02X}\n"
 
 
-def log(text, period, channels):
-    """A log, its sample period, s, and its channels, "name [unit]": values."""
-    return text, period, {tuple(key.removesuffix("]").partition(" [")[::2]): x for key, x in channels.items()}
+def log(right, *content):
+    """A log, its period, s, and its channels; `right` is "10 s, Temp [°C] = A; hum = B", `content` texts and rows."""
+    values, found = {"A": A, "B": B, "A, NaN": [*A, math.nan]}, {}
+    period, _, channels = right.partition(", ")
+    for name, _, letter in (channel.rpartition(" = ") for channel in channels.split("; ")):
+        found[tuple(name.removesuffix("]").partition(" [")[::2])] = values[letter]
+    text = "".join(part if isinstance(part, str) else rows(lambda i, row=part: row(i) + "\n") for part in content)
+    return text, None if period == "no rate" else float(period[:-2]), found
 
 
 LOGS = {
     "Python tuples, and blanks": log(
-        rows(lambda i: f" ({i / 10:.1f}, {A[i]}, {B[i]} )\n"), 0.1, {"value 1": A, "value 2": B}
+        "0.1 s, value 1 = A; value 2 = B", lambda i: f" ({i / 10:.1f}, {A[i]}, {B[i]} )"
     ),
-    "Julian dates": log("HJD,mag\n" + rows(lambda i: f"{2455000.5 + i / 80:.4f},{A[i]}\n"), 1080, {"mag": A}),
+    "Julian dates": log("1080 s, mag = A", "HJD,mag\n", lambda i: f"{2455000.5 + i / 80:.4f},{A[i]}"),
     "HoboWare text": log(
-        "Plot-Titel: Keller\n#\tDatum Zeit, GMT+02:00\tTemp., °C\n"
-        + rows(lambda i: f"{i + 1}\t17.05.2024 {clock(i)}\t{german(A[i])}\n"),
-        10,
-        {"Temp. [°C]": A},
+        "10 s, Temp. [°C] = A",
+        "Plot-Titel: Keller\n#\tDatum Zeit, GMT+02:00\tTemp., °C\n",
+        lambda i: f"{i + 1}\t17.05.2024 {clock(i)}\t{german(A[i])}",
     ),
     "Excel, two digits of the year": log(
-        "sep=;\nDatum;Uhrzeit;Temp (°C);Druck (hPa)\n"
-        + rows(lambda i: f"17.05.24;{clock(i)};{german(A[i])};{german(B[i])}\n"),
-        10,
-        {"Temp [°C]": A, "Druck [hPa]": B},
+        "10 s, Temp [°C] = A; Druck [hPa] = B",
+        "sep=;\nDatum;Uhrzeit;Temp (°C);Druck (hPa)\n",
+        lambda i: f"17.05.24;{clock(i)};{german(A[i])};{german(B[i])}",
     ),
     "multimeter": log(
-        "Reading,Sample,Start Time\n" + rows(lambda i: f"{i + 1},{A[i]} V DC,05/17/2024 {clock(i)}\n"),
-        10,
-        {"Sample [V DC]": A},
+        "10 s, Sample [V DC] = A",
+        "Reading,Sample,Start Time\n",
+        lambda i: f"{i + 1},{A[i]} V DC,05/17/2024 {clock(i)}",
     ),
     "terminal with colours": log(
-        "=~=~= PuTTY log 2024.05.17 09:30:00 =~=~=\r\n\x1b[2J\x1b[H"
-        + rows(lambda i: f"\x1b[0;32m{A[i]},{B[i]}\x1b[0m\r\n"),
-        None,
-        {"value 1": A, "value 2": B},
+        "no rate, value 1 = A; value 2 = B",
+        "=~=~= PuTTY log 2024.05.17 09:30:00 =~=~=\r\n\x1b[2J\x1b[H",
+        lambda i: f"\x1b[0;32m{A[i]},{B[i]}\x1b[0m\r",
     ),
     "ESPHome": log(
-        "INFO Starting log output\n[09:00:00][C][wifi:410]:   SSID: 'home'\n"
-        + rows(
-            lambda i: (
-                f"[{clock(i)}][D][sensor:094]: 'Barn': Sending state {A[i]} °C with 1 decimals of accuracy\n"
-                f"[{clock(i)}][D][sensor:094]: 'Air' >> {B[i]} hPa\n"
-            )
+        "10 s, Barn [°C] = A; Air [hPa] = B",
+        "INFO Starting log output\n[09:00:00][C][wifi:410]:   SSID: 'home'\n",
+        lambda i: (
+            f"[{clock(i)}][D][sensor:094]: 'Barn': Sending state {A[i]} °C with 1 decimals of accuracy\n"
+            f"[{clock(i)}][D][sensor:094]: 'Air' >> {B[i]} hPa"
         ),
-        10,
-        {"Barn [°C]": A, "Air [hPa]": B},
     ),
     "Tasmota": log(
-        rows(lambda i: f'{clock(i)}.5 MQT: tele/x/SENSOR = {{"BME280":{{"Temp":{A[i]},"P":{B[i]}}},"Unit":"C"}}\n'),
-        10,
-        {"tele/x/SENSOR.BME280.Temp": A, "tele/x/SENSOR.BME280.P": B},
+        "10 s, tele/x/SENSOR.BME280.Temp = A; tele/x/SENSOR.BME280.P = B",
+        lambda i: f'{clock(i)}.5 MQT: tele/x/SENSOR = {{"BME280":{{"Temp":{A[i]},"P":{B[i]}}},"Unit":"C"}}',
     ),
     "topics with stamps": log(
-        rows(lambda i: f"{1715931000 + i}.123 barn/temp {A[i]}\n{1715931000 + i}.125 barn/pressure {B[i]}\n"),
-        1,
-        {"barn/temp": A, "barn/pressure": B},
+        "1 s, barn/temp = A; barn/pressure = B",
+        lambda i: f"{1715931000 + i}.123 barn/temp {A[i]}\n{1715931000 + i}.125 barn/pressure {B[i]}",
     ),
     "a value a line": log(
-        rows(lambda i: f"Temperature: {A[i]} *C\nPressure: {B[i]} hPa\n\n"),
-        None,
-        {"Temperature [C]": A, "Pressure [hPa]": B},
+        "no rate, Temperature [C] = A; Pressure [hPa] = B",
+        lambda i: f"Temperature: {A[i]} *C\nPressure: {B[i]} hPa\n",
     ),
     "French thousands": log(
-        "Heure;Pression\n" + rows(lambda i: f"{clock(i)};{f'{B[i]:,.2f}'.replace(',', ' ').replace('.', ',')}\n"),
-        10,
-        {"Pression": B},
+        "10 s, Pression = B",
+        "Heure;Pression\n",
+        lambda i: f"{clock(i)};{f'{B[i]:,.2f}'.replace(',', ' ').replace('.', ',')}",
     ),
     "table in Markdown": log(
-        "| t | temp |\n|------|------|\n" + rows(lambda i: f"| {clock(i)} | {A[i]} |\n"), 10, {"temp": A}
+        "10 s, temp = A", "| t | temp |\n|------|------|\n", lambda i: f"| {clock(i)} | {A[i]} |"
     ),
     "axes": log(
-        "MPU6050 Found!\n"
-        + rows(
-            lambda i: f"Acceleration X: {A[i]}, Y: 2.5, Z: 9.81 m/s^2\nRotation X: 0.1, Y: {B[i]}, Z: 0.02 rad/s\n"
-        ),
-        None,
-        {"Acceleration X": A, "Rotation Y": B},
+        "no rate, Acceleration X = A; Rotation Y = B",
+        "MPU6050 Found!\n",
+        lambda i: f"Acceleration X: {A[i]}, Y: 2.5, Z: 9.81 m/s^2\nRotation X: 0.1, Y: {B[i]}, Z: 0.02 rad/s",
     ),
     "system log": log(
-        rows(lambda i: f"May 17 {clock(i, 1)} raspberrypi sensor[612]: temp={A[i]} p={B[i]}\n"),
-        1,
-        {"temp": A, "p": B},
+        "1 s, temp = A; p = B", lambda i: f"May 17 {clock(i, 1)} raspberrypi sensor[612]: temp={A[i]} p={B[i]}"
     ),
     "several values of one name at a stamp": log(
-        "time,name,value\n" + rows(lambda i: f"{clock(i // 4, 1)},temp,{A[i]}\n{clock(i // 4, 1)},hum,{B[i]}\n"),
-        0.25,
-        {"temp": A, "hum": B},
+        "0.25 s, temp = A; hum = B",
+        "time,name,value\n",
+        lambda i: f"{clock(i // 4, 1)},temp,{A[i]}\n{clock(i // 4, 1)},hum,{B[i]}",
     ),
     "sensors in turn, two values each": log(
-        "time,room,temp,hum\n"
-        + rows(lambda i: f"{clock(i, 60)},bath,{A[i]},{B[i]}\n{clock(i, 60)},cellar,{B[i]},{A[i]}\n"),
-        60,
-        {"bath temp": A, "bath hum": B, "cellar temp": B},
+        "60 s, bath temp = A; bath hum = B; cellar temp = B",
+        "time,room,temp,hum\n",
+        lambda i: f"{clock(i, 60)},bath,{A[i]},{B[i]}\n{clock(i, 60)},cellar,{B[i]},{A[i]}",
     ),
     "decimal commas, a comma and a blank between cells": log(
+        "1 s, temp = A; pres = B",
         "t, temp, pres\n" + rows(lambda i: f"{i}, {A[i]:.2f}, {B[i]:.2f}\n".replace(".", ",")),
-        1,
-        {"temp": A, "pres": B},
     ),
-    "a comma after a unit": log(rows(lambda i: f"{clock(i, 5)} {A[i]}C, {B[i]}%\n"), 5, {"value 1 [C]": A}),
+    "a comma after a unit": log("5 s, value 1 [C] = A", lambda i: f"{clock(i, 5)} {A[i]}C, {B[i]}%"),
     "Sea-Bird": log(
+        "0.25 s, t090C: Temperature [deg C] = A",
         "* Sea-Bird SBE 19plus\n# name 0 = timeS: Time, Elapsed [seconds]\n# name 1 = t090C: Temperature [deg C]\n"
-        "1 2\n3 4\n*END*\n" + rows(lambda i: f"{i / 4:11.3f}{A[i]:11.4f}\n"),
-        0.25,
-        {"t090C: Temperature [deg C]": A},
+        "1 2\n3 4\n*END*\n",
+        lambda i: f"{i / 4:11.3f}{A[i]:11.4f}",
     ),
     "a table of calibration above": log(
-        "Logger 4\npoint,raw\n0,102\n1,480\n2,901\n\ntime,p\n" + rows(lambda i: f"{i / 10},{A[i]}\n"), 0.1, {"p": A}
+        "0.1 s, p = A", "Logger 4\npoint,raw\n0,102\n1,480\n2,901\n\ntime,p\n", lambda i: f"{i / 10},{A[i]}"
     ),
     "settings with :=": log(
-        "# Sampling Rate (Hz):= 1000.00\n# Labels:= ECG;EDA\n# Units:= mV;uS\n"
-        + rows(lambda i: f"{A[i]}\t{B[i]}\n"),
-        0.001,
-        {"ECG [mV]": A, "EDA [uS]": B},
+        "0.001 s, ECG [mV] = A; EDA [uS] = B",
+        "# Sampling Rate (Hz):= 1000.00\n# Labels:= ECG;EDA\n# Units:= mV;uS\n",
+        lambda i: f"{A[i]}\t{B[i]}",
     ),
-    "a ramp without a name": log(rows(lambda i: f"{A[i]},{i / 50:.2f}\n"), 0.02, {"value 1": A}),
-    "X beside a voltage": log("X,CH 1 (V)\n" + rows(lambda i: f"{2e-6 * i:.7f},{A[i]}\n"), 2e-6, {"CH 1 [V]": A}),
-    "one value with a unit": log("t,f\n" + rows(lambda i: f"{i},{A[i]}\n") + f"{N},1N\n", 1, {"f": [*A, math.nan]}),
+    "a ramp without a name": log("0.02 s, value 1 = A", lambda i: f"{A[i]},{i / 50:.2f}"),
+    "X beside a voltage": log("2e-06 s, CH 1 [V] = A", "X,CH 1 (V)\n", lambda i: f"{2e-6 * i:.7f},{A[i]}"),
+    "one value with a unit": log("1 s, f = A, NaN", "t,f\n" + rows(lambda i: f"{i},{A[i]}\n") + f"{N},1N\n"),
     "a broken date beside a clock": log(
-        "date,time,a\n" + rows(lambda i: f"{'165/165/2165' if i % 3 == 0 else '05/03/2024'},{clock(i)},{A[i]}\n"),
-        10,
-        {"a": A},
+        "10 s, a = A",
+        "date,time,a\n",
+        lambda i: f"{'165/165/2165' if i % 3 == 0 else '05/03/2024'},{clock(i)},{A[i]}",
     ),
     "rows that wait, and come at once": log(
-        "time_s,a\n" + rows(lambda i: f"{0.1 * i + (0.09 * (5 - i % 20) if 0 < i % 20 < 5 else 0):.3f},{A[i]}\n"),
-        0.1,
-        {"a": A},
+        "0.1 s, a = A",
+        "time_s,a\n",
+        lambda i: f"{0.1 * i + (0.09 * (5 - i % 20) if 0 < i % 20 < 5 else 0):.3f},{A[i]}",
     ),
     "rows out of order": log(
+        "10 s, a = A",
         "time,a\n"
         + "".join(
             f"{clock(i)},{A[i]}\n".replace("09:", "2024-03-05 09:")
             for i in sorted(range(N), key=lambda i: i * 7 % N)
         ),
-        10,
-        {"a": A},
     ),
     "NMEA": log(
+        "1 s, altitude [m] = A",
         rows(
             lambda i: nmea(
                 f"GPGGA,{clock(i, 1).replace(':', '').zfill(6)}.00,4807.0,N,01131.0,E,1,08,0.9,{A[i]},M,46.9,M,,"
             )
         )
         + nmea("GPGSV,1,1,00"),
-        1,
-        {"altitude [m]": A},
     ),
     "weekdays are no sensors": log(
-        "date,day,a\n" + rows(lambda i: f"2024-{3 + i // 28:02}-{1 + i % 28:02},{DAYS[i % 7]},{A[i]}\n"),
-        86400,
-        {"a": A},
+        "86400 s, a = A", "date,day,a\n", lambda i: f"2024-{3 + i // 28:02}-{1 + i % 28:02},{DAYS[i % 7]},{A[i]}"
     ),
-    "256 columns and a separator": log(rows(lambda i: ";".join([str(A[i])] * 256) + ";\n"), None, {"value 256": A}),
+    "256 columns and a separator": log("no rate, value 256 = A", lambda i: ";".join([str(A[i])] * 256) + ";"),
     "MQTT: an object in quotes": log(
-        rows(
-            lambda i: (
-                f"[2024-03-01 {clock(i)}] info: z2m: topic 'home/0x15', payload '{{\"n\": 1, \"t\": {A[i]}}}'\n"
-            )
-        ),
-        10,
-        {"t": A},
+        "10 s, t = A",
+        lambda i: f"[2024-03-01 {clock(i)}] info: z2m: topic 'home/0x15', payload '{{\"n\": 1, \"t\": {A[i]}}}'",
     ),
     "nRF and Zephyr: µs behind ms": log(
-        rows(lambda i: f"00> [{clock(i, 1)}.{i:03},250] <info> app: bpm: {A[i]}\n"), 1.001, {"bpm": A}
+        "1.001 s, bpm = A", lambda i: f"00> [{clock(i, 1)}.{i:03},250] <info> app: bpm: {A[i]}"
     ),
-    "a count and a colon": log(rows(lambda i: f"{i * 100}: SP=30.0 PV={A[i]} OUT=4%\n"), 0.1, {"PV": A}),
+    "a count and a colon": log("0.1 s, PV = A", lambda i: f"{i * 100}: SP=30.0 PV={A[i]} OUT=4%"),
     **{
-        f"a stamp written {stamp}": log(
-            rows(lambda i, s=stamp: f"{s.format(i * 10)}T: {A[i]} C\n"), 0.01, {"T [C]": A}
-        )
+        f"a stamp written {stamp}": log("0.01 s, T [C] = A", lambda i, s=stamp: f"{s.format(i * 10)}T: {A[i]} C")
         for stamp in ("{}ms ", "[{}ms] ", "({}ms) ")
     },
-    "a clock and a bar": log(rows(lambda i: f"{clock(i)} | T={A[i]} | H={B[i]}\n"), 10, {"T": A, "H": B}),
-    "a table in bars": log(rows(lambda i: f"| {i / 10} | {A[i]} |\n"), 0.1, {"value 1": A}),
-    "a count with its unit": log(rows(lambda i: f"{i * 10} ms: T= {A[i]} C\n"), 0.01, {"T [C]": A}),
-    "time in pairs with its unit": log(rows(lambda i: f"time: {i * 10} ms, t2: {A[i]} C\n"), 0.01, {"t2 [C]": A}),
-    "Keithley": log(rows(lambda i: f"+{A[i]:.4E}VDC,+{i * 0.1:08.3f}SECS\n"), 0.1, {"value 1 [VDC]": A}),
-    "vcgencmd": log(rows(lambda i: f"cpu {A[i]}'C load {B[i]}\n"), None, {"value 1 ['C]": A, "value 2": B}),
+    "a clock and a bar": log("10 s, T = A; H = B", lambda i: f"{clock(i)} | T={A[i]} | H={B[i]}"),
+    "a table in bars": log("0.1 s, value 1 = A", lambda i: f"| {i / 10} | {A[i]} |"),
+    "a count with its unit": log("0.01 s, T [C] = A", lambda i: f"{i * 10} ms: T= {A[i]} C"),
+    "time in pairs with its unit": log("0.01 s, t2 [C] = A", lambda i: f"time: {i * 10} ms, t2: {A[i]} C"),
+    "Keithley": log("0.1 s, value 1 [VDC] = A", lambda i: f"+{A[i]:.4E}VDC,+{i * 0.1:08.3f}SECS"),
+    "vcgencmd": log("no rate, value 1 ['C] = A; value 2 = B", lambda i: f"cpu {A[i]}'C load {B[i]}"),
     "Rigol MSO": log(
-        "CH1V,CH2V,t0 =-8.5e-05, tInc = 1e-06,\n" + rows(lambda i: f"{A[i]},{B[i]},,\n"),
-        1e-6,
-        {"CH1V": A, "CH2V": B},
+        "1e-06 s, CH1V = A; CH2V = B", "CH1V,CH2V,t0 =-8.5e-05, tInc = 1e-06,\n", lambda i: f"{A[i]},{B[i]},,"
     ),
     "EasyLog: a serial number beside the first row": log(
-        "EL-USB-2,Time,Celsius(°C),Serial Number\n"
-        + rows(lambda i: f"{i + 1},17/03/2024 {clock(i)},{A[i]}{',010012345' if i == 0 else ''}\n"),
-        10,
-        {"Celsius [°C]": A},
+        "10 s, Celsius [°C] = A",
+        "EL-USB-2,Time,Celsius(°C),Serial Number\n",
+        lambda i: f"{i + 1},17/03/2024 {clock(i)},{A[i]}{',010012345' if i == 0 else ''}",
     ),
     "PhysioNet": log(
-        "'Elapsed time','MLII'\n'hh:mm:ss.mmm','mV'\n" + rows(lambda i: f"'0:{i * 0.004:06.3f}',{A[i]}\n"),
-        0.004,
-        {"MLII [mV]": A},
+        "0.004 s, MLII [mV] = A",
+        "'Elapsed time','MLII'\n'hh:mm:ss.mmm','mV'\n",
+        lambda i: f"'0:{i * 0.004:06.3f}',{A[i]}",
     ),
     "KNMI: a day and an hour, and a bare mark below the names": log(
-        "# STN,YYYYMMDD,   HH,    T\n#\n" + rows(lambda i: f"  260,202403{1 + i // 24:02},{i % 24 + 1:5},{A[i]}\n"),
-        3600,
-        {"T": A},
+        "3600 s, T = A",
+        "# STN,YYYYMMDD,   HH,    T\n#\n",
+        lambda i: f"  260,202403{1 + i // 24:02},{i % 24 + 1:5},{A[i]}",
     ),
     "USGS: widths below the names": log(
-        "site\tdatetime\tflow\n15s\t20d\t14n\n" + rows(lambda i: f"0164\t2024-03-01 {clock(i, 900)}\t{A[i]}\n"),
-        900,
-        {"flow": A},
+        "900 s, flow = A",
+        "site\tdatetime\tflow\n15s\t20d\t14n\n",
+        lambda i: f"0164\t2024-03-01 {clock(i, 900)}\t{A[i]}",
     ),
     "sar: names beside a stamp": log(
-        f"Linux 6.1.0 (host) 03/17/24 _x86_64_\n\n{clock(0)} CPU %user %idle\n"
-        + rows(lambda i: f"{clock(i + 1)} all {A[i]} {B[i]}\n"),
-        10,
-        {"value 1": A, "value 2": B},
+        "10 s, value 1 = A; value 2 = B",
+        f"Linux 6.1.0 (host) 03/17/24 _x86_64_\n\n{clock(0)} CPU %user %idle\n",
+        lambda i: f"{clock(i + 1)} all {A[i]} {B[i]}",
     ),
     "Octave: a scalar above": log(
-        f"# Created by Octave\n# type: scalar\n250\n\n\n# type: matrix\n# rows: {N}\n# columns: 1\n"
-        + rows(lambda i: f" {A[i]}\n"),
-        None,
-        {"value 1": A},
+        "no rate, value 1 = A",
+        f"# Created by Octave\n# type: scalar\n250\n\n\n# type: matrix\n# rows: {N}\n# columns: 1\n",
+        lambda i: f" {A[i]}",
     ),
-    "Mathematica": log(rows(lambda i: f"{{{i / 4}, {A[i]}}},\n"), 0.25, {"value 1": A}),
+    "Mathematica": log("0.25 s, value 1 = A", lambda i: f"{{{i / 4}, {A[i]}}},"),
     "RRDtool: no name above the time": log(
-        "             temp       hum\n\n" + rows(lambda i: f"{1710664200 + 300 * i}: {A[i]:.4e} {B[i]:.6e}\n"),
-        300,
-        {"temp": A, "hum": B},
+        "300 s, temp = A; hum = B",
+        "             temp       hum\n\n",
+        lambda i: f"{1710664200 + 300 * i}: {A[i]:.4e} {B[i]:.6e}",
     ),
     "names and units in comments": log(
-        "%time  pos  vel\n%s  mm  mm/s\n" + rows(lambda i: f"{i / 100}  {A[i]}  {B[i]}\n"),
-        0.01,
-        {"pos [mm]": A, "vel [mm/s]": B},
+        "0.01 s, pos [mm] = A; vel [mm/s] = B",
+        "%time  pos  vel\n%s  mm  mm/s\n",
+        lambda i: f"{i / 100}  {A[i]}  {B[i]}",
     ),
-    "MATLAB days": log(
-        "datenum,value\n" + rows(lambda i: f"{739328.354224537 + i / 1440:.9f},{A[i]}\n"), 60, {"value": A}
-    ),
+    "MATLAB days": log("60 s, value = A", "datenum,value\n", lambda i: f"{739328.354224537 + i / 1440:.9f},{A[i]}"),
     "pairs with a bar between": log(
-        rows(lambda i: f"Angle: x= {A[i]} |\ty= {B[i]} |\n"), None, {"Angle: x": A, "Angle: y": B}
+        "no rate, Angle: x = A; Angle: y = B", lambda i: f"Angle: x= {A[i]} |\ty= {B[i]} |"
     ),
-    "a message between marks": log(rows(lambda i: f"<{A[i]},{B[i]}>\n"), None, {"value 2": B}),
-    "Fortran": log(rows(lambda i: f" {i / 100:.2E} {A[i]:.4E}\n".replace("E", "D")), 0.01, {"value 1": A}),
+    "a message between marks": log("no rate, value 2 = B", lambda i: f"<{A[i]},{B[i]}>"),
+    "Fortran": log("0.01 s, value 1 = A", rows(lambda i: f" {i / 100:.2E} {A[i]:.4E}\n".replace("E", "D"))),
     "Graphtec: a blank after the sign, names above units": log(
-        "NO.,Time,ms,CH1\nNO.,Time,ms,degC\n" + rows(lambda i: f"{i + 1},2024/03/05 {clock(i)},0,+{A[i]:8.2f}\n"),
-        10,
-        {"CH1 [degC]": A},
+        "10 s, CH1 [degC] = A",
+        "NO.,Time,ms,CH1\nNO.,Time,ms,degC\n",
+        lambda i: f"{i + 1},2024/03/05 {clock(i)},0,+{A[i]:8.2f}",
     ),
     "Android": log(
-        rows(lambda i: f"03-05 {clock(i, 1)}.250  1234  5678 D SENSOR  : x={A[i]} y={B[i]}\n"), 1, {"x": A, "y": B}
+        "1 s, x = A; y = B", lambda i: f"03-05 {clock(i, 1)}.250  1234  5678 D SENSOR  : x={A[i]} y={B[i]}"
     ),
     "text for a spreadsheet": log(
-        "Time,Temperature(℃)\n" + rows(lambda i: f'="2024-03-05 {clock(i)}",="{A[i]}"\n'),
-        10,
-        {"Temperature [℃]": A},
+        "10 s, Temperature [℃] = A", "Time,Temperature(℃)\n", lambda i: f'="2024-03-05 {clock(i)}",="{A[i]}"'
     ),
     "ngspice: names between rules": log(
-        f"{'-' * 40}\nIndex   time      v(out)\n{'-' * 40}\n" + rows(lambda i: f"{i}\t{i * 1e-6:.4e}\t{A[i]}\t\n"),
-        1e-6,
-        {"v(out)": A},
+        "1e-06 s, v(out) = A",
+        f"{'-' * 40}\nIndex   time      v(out)\n{'-' * 40}\n",
+        lambda i: f"{i}\t{i * 1e-6:.4e}\t{A[i]}\t",
     ),
     "sensors by a column, with their units": log(
-        "SECONDS;PID;VALUE;UNITS\n" + rows(lambda i: f"{i / 2};speed;{A[i]};km/h\n{i / 2};load;{B[i]};%\n"),
-        0.5,
-        {"speed [km/h]": A, "load [%]": B},
+        "0.5 s, speed [km/h] = A; load [%] = B",
+        "SECONDS;PID;VALUE;UNITS\n",
+        lambda i: f"{i / 2};speed;{A[i]};km/h\n{i / 2};load;{B[i]};%",
     ),
     "units above some of the columns": log(
-        "   yyyy  mm  tmax  sun\n             degC  hours\n"
-        + rows(lambda i: f"   {1990 + i // 12}  {i % 12 + 1:2d}  {A[i]}  {B[i]}\n"),
-        31 * 86400,
-        {"tmax": A, "sun": B},
+        "2.6784e+06 s, tmax = A; sun = B",
+        "   yyyy  mm  tmax  sun\n             degC  hours\n",
+        lambda i: f"   {1990 + i // 12}  {i % 12 + 1:2d}  {A[i]}  {B[i]}",
     ),
-    "a mark at the end": log(rows(lambda i: f"$S,{A[i]},{B[i]}#\n"), None, {"value 2": B}),
+    "a mark at the end": log("no rate, value 2 = B", lambda i: f"$S,{A[i]},{B[i]}#"),
     "LabVIEW: a step above its value": log(
-        "dt:\n0.001\t0.001\ndata:\n" + rows(lambda i: f"{A[i]:.3E}\t{B[i]:.6E}\n"), 0.001, {"value 2": B}
+        "0.001 s, value 2 = B", "dt:\n0.001\t0.001\ndata:\n", lambda i: f"{A[i]:.3E}\t{B[i]:.6E}"
     ),
     "JSON: columns of data": log(
-        json.dumps({"time": {"data": list(range(N))}, "hr": {"data": A, "size": N}}), 1, {"hr": A}
+        "1 s, hr = A", json.dumps({"time": {"data": list(range(N))}, "hr": {"data": A, "size": N}})
     ),
     "JSON: a table in a list of one": log(
+        "1 s, a = A",
         json.dumps({"results": [{"id": 0, "series": [{"columns": ["time", "a"], "values": list(enumerate(A))}]}]}),
-        1,
-        {"a": A},
     ),
-    "JSON: lists": log(json.dumps([[1709630000000 + 1000 * i, a] for i, a in enumerate(A)]), 1, {"value 1": A}),
+    "JSON: lists": log("1 s, value 1 = A", json.dumps([[1709630000000 + 1000 * i, a] for i, a in enumerate(A)])),
     "objects on several lines each": log(
-        rows(lambda i: f'{{\n  "t": {1710664205 + i},\n  "v": {A[i]}\n}}\n'), 1, {"v": A}
+        "1 s, v = A", lambda i: f'{{\n  "t": {1710664205 + i},\n  "v": {A[i]}\n}}'
     ),
 }
 
