@@ -49,10 +49,7 @@ BAD = [
     *({"channels": count} for count in (0, 17)),
     *({"amplitude": value} for value in (math.inf, "1")),
     *({"limits": limits} for limits in (5.0, (1.0,), (1.0, 1.0), (0.0, math.nan))),
-    {"noise": "pink"},
-    {"sigma": -1.0},
-    {"outliers": 1.1},
-    {"volume": 11},
+    *({"noise": "pink"}, {"sigma": -1.0}, {"outliers": 1.1}, {"volume": 11}),
 ]
 
 

@@ -58,11 +58,7 @@ def tdms(tmp_path):
 @pytest.mark.parametrize(
     "variables",
     [
-        {"fs": 50.0},
-        {"Fs": 50},
-        {"sample_rate": 50.0},
-        {"dt": 0.02},
-        {"Ts": 0.02},
+        *({"fs": 50.0}, {"Fs": 50}, {"sample_rate": 50.0}, {"dt": 0.02}, {"Ts": 0.02}),
         {"fs": 50.0, "t": np.arange(50.0)},
     ],
 )

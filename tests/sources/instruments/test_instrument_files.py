@@ -99,22 +99,13 @@ TABLE = ["t,a", "0,1", "1,2", "2,3"]
 @pytest.mark.parametrize(
     ("line", "period"),
     [
-        ("# Sampling Rate: 250 Hz", 0.004),
-        ("% fs = 100", 0.01),
-        ("Sample Interval,1.0,ms,", 1e-3),
+        *(("# Sampling Rate: 250 Hz", 0.004), ("% fs = 100", 0.01), ("Sample Interval,1.0,ms,", 1e-3)),
         ('"Sampling Frequency (Hz)=",500000000,', 2e-9),
-        ("# Config: data_rate = 2000.0 Hz, filter = 488 Hz", 5e-4),
-        ("// Sampling interval (ms): 10", 0.01),
-        ('"Epoch Length:","30","seconds",""', 30.0),
-        ("Sample Rate 100 Hz", 0.01),
-        ("# Sampling Period = 4us", 4e-6),
-        ("Abtastrate: 50 Hz", 0.02),
-        ("; Samplerate: 20 MHz", 5e-8),
-        ("# sampled at 125 Hz", 0.008),
-        ("# fps: 30", 1 / 30),
-        ('# fs = "12,50"', 0.08),
-        ("Sample interval = 0,001 s", 1e-3),
-        ("# gain=2,fs=100,filter=5", 0.01),
+        *(("# Config: data_rate = 2000.0 Hz, filter = 488 Hz", 5e-4), ("// Sampling interval (ms): 10", 0.01)),
+        *(('"Epoch Length:","30","seconds",""', 30.0), ("Sample Rate 100 Hz", 0.01)),
+        *(("# Sampling Period = 4us", 4e-6), ("Abtastrate: 50 Hz", 0.02), ("; Samplerate: 20 MHz", 5e-8)),
+        *(("# sampled at 125 Hz", 0.008), ("# fps: 30", 1 / 30), ('# fs = "12,50"', 0.08)),
+        *(("Sample interval = 0,001 s", 1e-3), ("# gain=2,fs=100,filter=5", 0.01)),
     ],
 )
 def test_a_rate_above_the_table(line, period):
@@ -127,16 +118,9 @@ def test_a_rate_above_the_table(line, period):
 @pytest.mark.parametrize(
     "line",
     [
-        "# Sampling Rate: unknown",
-        "# Sampling Rate: 0 Hz",
-        "# Sampling Rate: 1e999 Hz",
-        "# Sampling Rate: 250 apples",
-        "# Sampling rate: 1,000 Hz",
-        "# Sampling rate: 1,000.5 Hz",
-        "Sample interval = 2,500 ms",
-        "# heart rate: 60",
-        "# Range = 4 g, filter = 488 Hz",
-        "rate",
+        *("# Sampling Rate: unknown", "# Sampling Rate: 0 Hz", "# Sampling Rate: 1e999 Hz"),
+        *("# Sampling Rate: 250 apples", "# Sampling rate: 1,000 Hz", "# Sampling rate: 1,000.5 Hz"),
+        *("Sample interval = 2,500 ms", "# heart rate: 60", "# Range = 4 g, filter = 488 Hz", "rate"),
     ],
 )
 def test_no_rate(line):

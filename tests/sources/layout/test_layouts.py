@@ -67,13 +67,8 @@ def test_rows_from_before_a_field_was_added_lack_it_and_a_lone_short_row_is_torn
 @pytest.mark.parametrize(
     ("cell", "value", "unit"),
     [
-        ("26.{}C", 26.0, "C"),
-        ("4{}%", 40.0, "%"),
-        ("3.{} V", 3.0, "V"),
-        ('"12,{}"', 12.0, ""),
-        ('"1,23{}.5"', 1230.5, ""),
-        ("+1.{}", 1.0, ""),
-        ("1{}e-3", 0.01, ""),
+        *(("26.{}C", 26.0, "C"), ("4{}%", 40.0, "%"), ("3.{} V", 3.0, "V"), ('"12,{}"', 12.0, "")),
+        *(('"1,23{}.5"', 1230.5, ""), ("+1.{}", 1.0, ""), ("1{}e-3", 0.01, "")),
     ],
 )
 def test_the_numbers_of_a_column_are_read_by_the_form_that_all_have(read, cell, value, unit):
@@ -133,17 +128,11 @@ def test_a_date_and_a_clock_of_six_digits_each_are_one_time(read, form):
 @pytest.mark.parametrize(
     ("text", "name", "unit"),
     [
-        ("accel (m/s^2)", "accel", "m/s^2"),
-        ("t [us]", "t", "us"),
-        ("gX [°/s]", "gX", "°/s"),
-        ("Distance_cm", "Distance_cm", "cm"),
-        ("CO(GT)", "CO(GT)", ""),
-        ("a_x", "a_x", ""),
-        ("plain", "plain", ""),
-        ("Pressure in hPa", "Pressure", "hPa"),
+        *(("accel (m/s^2)", "accel", "m/s^2"), ("t [us]", "t", "us"), ("gX [°/s]", "gX", "°/s")),
+        *(("Distance_cm", "Distance_cm", "cm"), ("CO(GT)", "CO(GT)", ""), ("a_x", "a_x", "")),
+        *(("plain", "plain", ""), ("Pressure in hPa", "Pressure", "hPa")),
         ("Temp, °C (LGR S/N: 10229, SEN S/N: 10229)", "Temp", "°C"),
-        ("Coupler (LGR S/N: 10229)", "Coupler (LGR S/N: 10229)", ""),
-        ("spin in place", "spin in place", ""),
+        *(("Coupler (LGR S/N: 10229)", "Coupler (LGR S/N: 10229)", ""), ("spin in place", "spin in place", "")),
     ],
 )
 def test_a_unit_stands_in_brackets_or_as_a_clear_suffix(text, name, unit):

@@ -35,7 +35,7 @@ def nmea(sentence):
 
 
 def log(right, *content):
-    """A log, its period, s, and its channels; `right` is "10 s, Temp [°C] = A; hum = B", `content` texts and rows."""
+    """A log, its period, s, and its channels; right: "10 s, Temp [°C] = A; hum = B", content: texts and rows."""
     values, found = {"A": A, "B": B, "A, NaN": [*A, math.nan]}, {}
     period, _, channels = right.partition(", ")
     for name, _, letter in (channel.rpartition(" = ") for channel in channels.split("; ")):

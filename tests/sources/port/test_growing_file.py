@@ -70,10 +70,8 @@ host time [s],device time [ms],temp [°C],light
 @pytest.mark.parametrize(
     ("head", "row", "options"),
     [
-        (RECORDED, "{:.6f},{},{},7\n", {}),
-        ("millis,heat\n", "{1},{2}\n", {}),
-        ("t,heat\n", "{1},{2}\n", {"time_unit": "ms"}),
-        ("heat;light\n", "{2},5;1,5\n", {}),
+        *((RECORDED, "{:.6f},{},{},7\n", {}), ("millis,heat\n", "{1},{2}\n", {})),
+        *(("t,heat\n", "{1},{2}\n", {"time_unit": "ms"}), ("heat;light\n", "{2},5;1,5\n", {})),
         ("heat,light\n", "{2},1.5\n", {"rate": 50.0}),
         ("time,heat\n", "2026-11-21 10:46:{0:09.6f},{2}\n", {}),
     ],

@@ -108,13 +108,7 @@ def test_without_ssh_there_is_one_sentence_too(monkeypatch, tmp_path):
 
 
 NO_ADDRESSES = [
-    "",
-    "pi",
-    "user@pi",
-    "/dev/ttyACM0",
-    "a@b@pi/dev/ttyACM0",
-    "pi:0/dev/ttyACM0",
-    "pi:70000/dev/ttyACM0",
+    *("", "pi", "user@pi", "/dev/ttyACM0", "a@b@pi/dev/ttyACM0", "pi:0/dev/ttyACM0", "pi:70000/dev/ttyACM0"),
 ]
 NO_ADDRESSES += ["-oProxyCommand=touch x/dev/ttyACM0", "-oProxyCommand=x@pi/dev/ttyACM0", "pi;touch x/dev/ttyACM0"]
 NO_ADDRESSES += ["$(touch x)/dev/ttyACM0", "user:secret@pi/dev/ttyACM0", "pi/dev/tty%0aACM0", "pi/dev/ttyACM0@fast"]

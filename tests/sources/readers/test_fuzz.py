@@ -37,17 +37,14 @@ COUNT = 100 if FUZZ == 1 else 400 * FUZZ
 
 CLEAN = "t,a,b\n" + "".join(f"{0.01 * i:.2f},{20 + 0.37 * i:.4f},{-3 + 0.01 * i * i:.3f}\n" for i in range(25))
 SEEDS = [
-    CLEAN.encode(),
-    CLEAN.encode("utf-16"),
-    CLEAN.replace(",", ";").replace(".", ",").encode(),
+    *(CLEAN.encode(), CLEAN.encode("utf-16"), CLEAN.replace(",", ";").replace(".", ",").encode()),
     b"boot v1.2\n" + "".join(f"a:{i},b:{2 * i}\n" for i in range(20)).encode(),
     "".join(f"12:00:{i:02}.5 -> {i}.25\n" for i in range(20)).encode(),
     ("timestamp,x [µm]\n" + "".join(f"2026-01-01 00:00:{i:02},{i * 1.5}\n" for i in range(20))).encode("latin-1"),
     ("Date;Time;T\n" + "".join(f"10/03/2004;{i:02}.00.00;{i},5\n" for i in range(20))).encode(),
     "".join(f"{i * 7 % 5}\n" for i in range(25)).encode(),
     "".join(f">x:{10 * i}:{i % 7}§V\n>y:{10 * i}:{i % 5}\n" for i in range(12)).encode(),
-    "".join(f"{i} {i / 4} {i % 3}\r\n" for i in range(20)).encode(),
-    b"1,2*2F\n3,4*2B\n5,6*2F\n" * 8,
+    *("".join(f"{i} {i / 4} {i % 3}\r\n" for i in range(20)).encode(), b"1,2*2F\n3,4*2B\n5,6*2F\n" * 8),
 ]
 SCRAPS = [b"\n", b"\r", b"1e999\n", b'"', b"1e19,", b"nan,", b"boot: ok\n", b"\xff\xfe", b"9" * 400, b";", b"\t"]
 SCRAPS += [b"12:00:00 -> ", b">a:", b"*00", b"0x1F", b"1_000", b"-", b"%", b"// x\n", b"\x00", b"t,a,b\n", b"  "]

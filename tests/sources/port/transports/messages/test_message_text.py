@@ -27,18 +27,13 @@ def rows_of(*messages):
 
 
 DATAGRAMS = [
-    ("temp:21.3|g", [("row", {"temp": 21.3})]),
-    ("temp:21.3", [("row", {"temp": 21.3})]),
+    *(("temp:21.3|g", [("row", {"temp": 21.3})]), ("temp:21.3", [("row", {"temp": 21.3})])),
     ("temp:1500:21.3§°C|g,np", [("row", {"temp": 21.3})]),
-    ("temp:1500:21.3;1510:21.5", [("row", {"temp": 21.5})]),
-    (">temp:21.3\n", [("row", {"temp": 21.3})]),
+    *(("temp:1500:21.3;1510:21.5", [("row", {"temp": 21.5})]), (">temp:21.3\n", [("row", {"temp": 21.3})])),
     ("temp:1\nhum:2\r\n\n", [("row", {"temp": 1.0}), ("row", {"hum": 2.0})]),
     ("512,300", [("row", {"value 1": 512.0, "value 2": 300.0})]),
-    ("temp:1,hum:2", [("row", {"temp": 1.0, "hum": 2.0})]),
-    ("temp: 21.5 C", [("row", {"temp": 21.5})]),
-    ('{"temp": 21.5}', [("row", {"temp": 21.5})]),
-    ("12:30:05,5", [("row", {"value 1": 5.0})]),
-    ("", []),
+    *(("temp:1,hum:2", [("row", {"temp": 1.0, "hum": 2.0})]), ("temp: 21.5 C", [("row", {"temp": 21.5})])),
+    *(('{"temp": 21.5}', [("row", {"temp": 21.5})]), ("12:30:05,5", [("row", {"value 1": 5.0})]), ("", [])),
 ]
 
 
@@ -61,11 +56,8 @@ def test_no_datagram_breaks_a_line(data):
     [
         ("home/barn/temperature", "home/barn/temperature", "temperature"),
         ("home/+/temperature", "home/barn/temperature", "barn/temperature"),
-        ("home/#", "home/barn/temperature", "barn/temperature"),
-        ("home/#", "home", "home"),
-        ("#", "home/barn", "home/barn"),
-        ("+/+", "AA:BB/x>y", "AA_BB/x_y"),
-        ("t", "t", "t"),
+        *(("home/#", "home/barn/temperature", "barn/temperature"), ("home/#", "home", "home")),
+        *(("#", "home/barn", "home/barn"), ("+/+", "AA:BB/x>y", "AA_BB/x_y"), ("t", "t", "t")),
     ],
 )
 def test_a_topic_names_its_channel(subscribed, topic, name):
