@@ -9,15 +9,7 @@ import viser
 from kalscope.common.text import one_line, percent
 from kalscope_app.engine.frame import Frame
 from kalscope_app.engine.jobs import Jobs
-from kalscope_app.session.changes import (
-    apply_estimate,
-    candidates,
-    readings_of,
-    set_sensor_text,
-    set_taking_part,
-    stop_fusing,
-    studied,
-)
+from kalscope_app.session import changes
 from kalscope_app.session.session import Failed, Session
 from kalscope_app.session.state import MAX_SENSORS, Change, State
 from kalscope_app.studies.checks import Judged
@@ -49,7 +41,7 @@ class SensorControl:
 
         def box(what: str) -> TypedNumber:
             def change(_name: str, text: str) -> Change:
-                return set_sensor_text(self.name or "", what, text)
+                return changes.set_sensor_text(self.name or "", what, text)
 
             return TypedNumber(gui, session, f"{what} of sensor {number}", *BOXES[what], change)
 
@@ -87,7 +79,7 @@ class SensorControl:
 
     def _on_tick(self) -> None:
         if self._fused and self.name is not None:  # else it only marks a channel for the button
-            self._session.request(set_taking_part(self.name, self._tick.value))
+            self._session.request(changes.set_taking_part(self.name, self._tick.value))
 
 
 # The closed folder "Fuse sensors": which channels measure one quantity, and what each of them contributes.
@@ -113,7 +105,7 @@ class FusionView:
             self._fuse = add_button(gui, "Fuse", "Finds q, noise and offsets; Undo reverts it.", self._start)
             self._running = SlowJob(gui, "Stop and change nothing.")
             hint = "Back to the channel; Undo reverts it."
-            end = partial(session.request, stop_fusing)
+            end = partial(session.request, changes.stop_fusing)
             self._end = add_button(gui, "Stop fusing", hint, lambda _client: end(), visible=False)
             self._notes = gui.add_markdown("", visible=False)
 
@@ -126,7 +118,7 @@ class FusionView:
     def _search(self, state: State, sensors: tuple[str, ...], reference: str | None) -> None:
         from kalscope.estimation.fusion import estimate_fusion
 
-        columns, known = readings_of(state, sensors), studied(state)
+        columns, known = changes.readings_of(state, sensors), changes.studied(state)
         with self._running as progress:
             found = estimate_fusion(
                 known.recording.values[:, columns],
@@ -135,12 +127,12 @@ class FusionView:
                 reference=reference,
                 progress=progress,
             )
-        self._session.request(apply_estimate(state.recording, sensors, found), failed=Failed.FUSE)
+        self._session.request(changes.apply_estimate(state.recording, sensors, found), failed=Failed.FUSE)
 
     def show(self, frame: Frame) -> None:
         """Offer the channels of the quantity on screen, and follow what is fused."""
         state = frame.state
-        names, fused = candidates(state), state.fusion is not None
+        names, fused = changes.candidates(state), state.fusion is not None
         self._folder.visible = bool(names)
         if names != self._offered:
             self._offered = names
