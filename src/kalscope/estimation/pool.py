@@ -384,7 +384,8 @@ def outliers(values: Array, interval: tuple[Array, Array], expected: float) -> O
     middle = float(np.median(values[given]))
     whole = float(np.median(np.abs(values[given] - middle))) / _MAD
     sides: Array = np.stack([values - interval[0], interval[1] - values]) / NORMAL
-    down, up = sides[0], sides[1]
+    down: Array = sides[0]
+    up: Array = sides[1]
     errors: Array = np.where(np.isinf(sides[::-1]), sides, 0.5 * (down + up)).min(axis=0)[given]
     errors = errors[np.isfinite(errors)]
     usual = float(np.median(errors)) if len(errors) else 0.0
