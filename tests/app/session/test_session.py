@@ -36,12 +36,6 @@ def state():
     return opened(recording())
 
 
-def apply(state, *changes):
-    for change in changes:
-        state = change(state)
-    return state
-
-
 def test_a_new_recording_starts_with_its_first_answer(state):
     assert state.params == starting_params(state.recording.channel("a"))
     wide = opened(recording(names=tuple(map(str, range(40)))))
@@ -114,7 +108,7 @@ def test_text_that_is_no_number_is_refused_with_its_name(state, text):
 
 
 def test_channels_keep_their_own_parameters(state):
-    there = apply(state, set_text("q", "7"), select_channel("b"), set_text("q", "8"))
+    there = set_text("q", "8")(select_channel("b")(set_text("q", "7")(state)))
     assert there.tuning.q == 8
     assert select_channel("a")(there).tuning.q == 7
     with pytest.raises(BadSetting, match="channel must be one of a, b"):

@@ -15,11 +15,10 @@ from kalscope.analysis import actions
 from kalscope.analysis.findings import Finding
 from kalscope.analysis.judge import Judgement
 from kalscope.estimation.request import FitResult, Noise, Request, find_parameters
-from kalscope_app.engine.filter_runs import Cache
 from kalscope_app.session.changes import apply_found
 from kalscope_app.session.opening import opened
 from kalscope_app.session.session import Session, undo
-from kalscope_app.studies.checks import compute_checks, still_stretch
+from kalscope_app.studies.checks import compute_checks
 from kalscope_app.views.checks import COLOURS, UNJUDGED, VerdictView, label_of, take
 from kalscope_app.views.goal import SEARCH_METHODS
 
@@ -124,14 +123,6 @@ def test_after_a_search_without_a_pair_the_panel_says_what_else_gives_one(state)
     assert without.findings[0].action == actions.GiveNoise()
     assert compute_checks(state).search is None
     assert compute_checks(failed.with_tuning(q=7.0)).search is None  # the user has gone on
-
-
-def test_the_still_stretch_is_found_once_for_a_recording(state, monkeypatch):
-    kept, asked = Cache(), []
-    monkeypatch.setattr("kalscope_app.studies.checks.find_still_stretch", lambda *z: asked.append(z) or (6, 12))
-    for q in (2.0, 3.0):
-        assert still_stretch(state.with_tuning(q=q), kept) == (6, 12)
-    assert len(asked) == 1
 
 
 def test_the_header_shows_one_word_the_headline_and_a_button_for_what_can_be_done(state):
