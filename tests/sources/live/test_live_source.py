@@ -3,12 +3,10 @@
 import math
 import threading
 import time
-from contextlib import suppress
 from itertools import cycle
 
 import numpy as np
 import pytest
-import serial
 from scripted_port import ScriptedPort, scripted
 from waiting import PATIENCE
 
@@ -190,43 +188,3 @@ def test_an_error_in_a_line_is_reported_and_the_next_lines_are_read(monkeypatch,
     with live:
         wait_for(lambda: live.status().accepted == 1)
         assert live.status().hint == "an error of Kalscope left lines out (ZeroDivisionError: division by zero)"
-
-
-def test_a_second_reader_steals_lines_but_no_more_wrong_values_are_made_than_a_checksum_misses(
-    board, live, wait_for
-):
-    board.say(b"x\na:0,b:0*%02X\n" % checksum(0))
-    wait_for(lambda: live.status().accepted == 1, "a whole line: before it, half a label may be taken for one")
-    with serial.Serial(board.link, timeout=0.01) as thief:
-        stop = threading.Event()
-
-        def steal():
-            while not stop.is_set():
-                with suppress(serial.SerialException):  # what each of two readers meets
-                    thief.read(7)
-
-        thread = threading.Thread(target=steal)
-        thread.start()
-        for i in range(0, 3000, 100):
-            board.say(b"".join(b"a:%d,b:%d*%02X\n" % (n, 2 * n, checksum(n)) for n in range(i, i + 100)))
-            time.sleep(0.002)
-        stop.set()
-        thread.join()
-    before = live.status().accepted
-    while live.status().accepted < before + 10:  # it may just be opening the port again
-        board.say(b"a:1,b:2*%02X\n" % checksum(1))
-        time.sleep(0.02)
-    recording = live.snapshot().recording
-    values = recording.values[np.isfinite(recording.values).all(axis=1)]
-    assert recording.names == ("a", "b")
-    a, b = values.T
-    status = live.status()
-    assert np.sum(b != 2 * a) <= 5 + status.rejected // 20  # a byte misses about one damaged line in 256
-    assert status.received == status.accepted + status.rejected + status.dropped
-
-
-def checksum(n):
-    total = 0
-    for byte in b"a:%d,b:%d" % (n, 2 * n):
-        total ^= byte
-    return total

@@ -1,6 +1,5 @@
 """Files of others, with the readings that `EXPECTED.md` and the tables of shared/data call right."""
 
-from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
@@ -185,108 +184,105 @@ def test_a_text_that_is_no_table_of_samples_is_refused(name):
         read_recording(SHARED / name)
 
 
-@dataclass(frozen=True)
-class Right:
-    """The right reading of one file."""
+def right(rows, *channels, period=None, tolerance=1e-6, span=None, torn=0):
+    """The right reading of one file.
 
-    rows: int
-    period: float | None = None
-    """s; None where the table names none."""
-    tolerance: float = 1e-6
-    """Of the period, relative."""
-    span: float | None = None
-    """s from the first sample to the last."""
-    channels: tuple[tuple[str, int, float, tuple[str, ...]], ...] = ()
-    """(beginning of the name, finite samples, mean, units it may have; () where it is not looked at)."""
-    torn: int = 0
-    """Last lines without a newline whose whole number may have lost a digit."""
+    Args:
+        rows: How many.
+        channels: (beginning of the name, finite samples, mean, units it may have where that is looked at).
+        period: s; None where the table names none.
+        tolerance: Of the period, relative.
+        span: s from the first sample to the last.
+        torn: Last lines without a newline whose whole number may have lost a digit.
+    """
+    return rows, channels, period, tolerance, span, torn
 
 
 VOLT, SI_ACCEL, CELSIUS = ("V", "Volt"), ("m/s^2",), ("°C", "C", "degC")
 RIGHT = {
-    "tal_actigraph.txt": Right(
+    "tal_actigraph.txt": right(
         10080,
-        60,
+        ("Luminosidade", 10080, 98.906746, ("",)),
+        ("Atividade", 10080, 78.2224206, ("",)),
+        period=60,
         span=60 * 10079,
-        channels=(("Luminosidade", 10080, 98.906746, ("",)), ("Atividade", 10080, 78.2224206, ("",))),
     ),
-    "rigol_ds1204b.csv": Right(
-        8192, 8e-6, span=0.065528, channels=(("CH1", 8192, 1.48196777, VOLT), ("CH4", 8192, 9.56293945, VOLT))
+    "rigol_ds1204b.csv": right(
+        8192, ("CH1", 8192, 1.48196777, VOLT), ("CH4", 8192, 9.56293945, VOLT), period=8e-6, span=0.065528
     ),
-    "rigol_ds1102e.csv": Right(600, 2e-8, 1e-3, 1.198e-5, (("CH1", 600, 1.43133333, VOLT),)),
-    "rigol_ds1052e.csv": Right(
-        8192, 2e-9, 1e-4, 1.6382e-5, (("CH 1", 8192, -0.00242675781, VOLT), ("CH 2", 8192, 2.25766602, VOLT))
+    "rigol_ds1102e.csv": right(600, ("CH1", 600, 1.43133333, VOLT), period=2e-8, tolerance=1e-3, span=1.198e-5),
+    "rigol_ds1052e.csv": right(
+        8192,
+        ("CH 1", 8192, -0.00242675781, VOLT),
+        ("CH 2", 8192, 2.25766602, VOLT),
+        period=2e-9,
+        tolerance=1e-4,
+        span=1.6382e-5,
     ),
-    "tektronix_tek0000.csv": Right(2500, 2e-6, span=0.004998, channels=(("CH2", 2500, 0.406752, VOLT),)),
-    "asos_metar.txt": Right(
-        312, 300, span=86100, channels=(("tmpf", 24, 59.6166667, ()), ("sknt", 304, 11.5263158, ()))
-    ),
-    "torque_obd.csv": Right(
+    "tektronix_tek0000.csv": right(2500, ("CH2", 2500, 0.406752, VOLT), period=2e-6, span=0.004998),
+    "asos_metar.txt": right(312, ("tmpf", 24, 59.6166667), ("sknt", 304, 11.5263158), period=300, span=86100),
+    "torque_obd.csv": right(
         2662,
-        channels=(
-            ("GPS Speed", 2495, 15.3202512, ("Meters/second",)),
-            ("G(z)", 2662, 4.65216868, ()),
-            ("80-120kph Time", 592, 0.0, ("s",)),
-        ),
+        ("GPS Speed", 2495, 15.3202512, ("Meters/second",)),
+        ("G(z)", 2662, 4.65216868),
+        ("80-120kph Time", 592, 0.0, ("s",)),
     ),
-    "environment_canada_hourly.csv": Right(
-        720,
-        3600,
-        span=719 * 3600,
-        channels=(("Temp", 720, 16.8901389, ("°C",)), ("Rel Hum", 717, 75.3891213, ("%",))),
+    "environment_canada_hourly.csv": right(
+        720, ("Temp", 720, 16.8901389, ("°C",)), ("Rel Hum", 717, 75.3891213, ("%",)), period=3600, span=719 * 3600
     ),
-    "tide_elevation.dat": Right(1584, 3600, span=1583 * 3600, channels=(("", 1510, 1.97581457, ("",)),)),
-    "empatica_ACC.csv": Right(890, 1 / 32, span=889 / 32, channels=(("", 890, -0.966292135, ()),)),
-    "empatica_HR.csv": Right(28, 1, span=27, channels=(("", 28, 101.495, ()),)),
-    "empatica_IBI.csv": Right(49, channels=(("IBI", 49, 0.923194, ()),)),
-    "labview_short.lvm": Right(
+    "tide_elevation.dat": right(1584, ("", 1510, 1.97581457, ("",)), period=3600, span=1583 * 3600),
+    "empatica_ACC.csv": right(890, ("", 890, -0.966292135), period=1 / 32, span=889 / 32),
+    "empatica_HR.csv": right(28, ("", 28, 101.495), period=1, span=27),
+    "empatica_IBI.csv": right(49, ("IBI", 49, 0.923194)),
+    "labview_short.lvm": right(
         10,
-        39.0625e-6,
+        ("Excitation", 10, 0.6917138, ("Newtons",)),
+        ("Response", 10, 1.2138708, SI_ACCEL),
+        period=39.0625e-6,
         span=9 * 39.0625e-6,
-        channels=(("Excitation", 10, 0.6917138, ("Newtons",)), ("Response", 10, 1.2138708, SI_ACCEL)),
     ),
     # The table says 8 rows; the file holds 9, the first and the last two with "LOST COMMUNICATION".
-    "labview_comments.lvm": Right(
+    "labview_comments.lvm": right(
         9,
-        channels=(
-            ("Pressão ABS.", 9, 1.69523888889, ("MPa",)),
-            ("Temperatura", 9, 5.42960977778, ("°C",)),
-            ("Volume", 9, 79.8414555556, ("ml",)),
-        ),
+        ("Pressão ABS.", 9, 1.69523888889, ("MPa",)),
+        ("Temperatura", 9, 5.42960977778, ("°C",)),
+        ("Volume", 9, 79.8414555556, ("ml",)),
     ),
-    "labview_two_times.lvm": Right(
+    "labview_two_times.lvm": right(
         3,
-        19.53125e-6,
+        ("Voltage", 3, -0.0347673333333, ("Volts",)),
+        ("Acceleration", 3, 0.5010466666667, ("g",)),
+        period=19.53125e-6,
         span=2 * 19.53125e-6,
-        channels=(("Voltage", 3, -0.0347673333333, ("Volts",)), ("Acceleration", 3, 0.5010466666667, ("g",))),
     ),
-    "openbci_cyton.txt": Right(22490, 0.004, 0.002, channels=(("EXG Channel 0", 22490, 62052.0530, ()),)),
-    "robot_currents.txt": Right(
-        2094, 1 / 13.4, 0.02, channels=(("Current1", 2094, -24.407383, ()), ("Current4", 2094, -24.0318052, ()))
+    "openbci_cyton.txt": right(22490, ("EXG Channel 0", 22490, 62052.0530), period=0.004, tolerance=0.002),
+    "robot_currents.txt": right(
+        2094, ("Current1", 2094, -24.407383), ("Current4", 2094, -24.0318052), period=1 / 13.4, tolerance=0.02
     ),
-    "ppg_buffered.csv": Right(68476, 681.898 / 68475, 0.005, 681.898, (("hr", 68476, 509.394766, ()),), torn=1),
-    "arm_whole_seconds.csv": Right(7039, 1 / 67, 0.02, channels=(("Accel_X", 7039, -0.223429038, ()),)),
-    "dht22_field_added.csv": Right(
-        3151, channels=(("Temperature", 3148, 28.4383736, ()), ("Humidity", 3148, 72.2198539, ()))
+    "ppg_buffered.csv": right(
+        68476, ("hr", 68476, 509.394766), period=681.898 / 68475, tolerance=0.005, span=681.898, torn=1
     ),
-    "balcony_six_date_columns.txt": Right(1820, 120, 0.02, channels=(("Temperatures", 1820, 15.1731868, CELSIUS),)),
+    "arm_whole_seconds.csv": right(7039, ("Accel_X", 7039, -0.223429038), period=1 / 67, tolerance=0.02),
+    "dht22_field_added.csv": right(3151, ("Temperature", 3148, 28.4383736), ("Humidity", 3148, 72.2198539)),
+    "balcony_six_date_columns.txt": right(
+        1820, ("Temperatures", 1820, 15.1731868, CELSIUS), period=120, tolerance=0.02
+    ),
 }
 
 
 @pytest.mark.parametrize("name", RIGHT)
 def test_a_field_log_reads_as_its_table_says(name):
-    right, recording = RIGHT[name], read(f"field_logs/{name}")
+    rows, channels, period, tolerance, span, torn = RIGHT[name]
+    recording = read(f"field_logs/{name}")
     report = recording.report
-    assert right.rows - right.torn <= report.rows == len(recording) <= right.rows
+    assert rows - torn <= report.rows == len(recording) <= rows
     assert report.rows + report.rejected + report.blank + report.comments + report.headers == report.lines
-    if right.period is not None:
-        assert recording.sample_period == pytest.approx(right.period, rel=right.tolerance)
-    if right.span is not None:
-        assert recording.time[-1] - recording.time[0] == pytest.approx(right.span, rel=max(right.tolerance, 1e-4))
-    for prefix, good, mean, units in right.channels:
+    assert period is None or recording.sample_period == pytest.approx(period, rel=tolerance)
+    assert span is None or recording.time[-1] - recording.time[0] == pytest.approx(span, rel=max(tolerance, 1e-4))
+    for prefix, good, mean, *units in channels:
         index = next(i for i, known in enumerate(recording.names) if known.startswith(prefix))
         samples = recording.values[:, index]
         finite = samples[np.isfinite(samples)]
-        assert good - right.torn <= finite.size <= good
-        assert finite.mean() == pytest.approx(mean, rel=1e-6 if right.torn else 1e-8, abs=1e-12)
-        assert not units or recording.units[index] in units
+        assert good - torn <= finite.size <= good
+        assert finite.mean() == pytest.approx(mean, rel=1e-6 if torn else 1e-8, abs=1e-12)
+        assert not units or recording.units[index] in units[0]
