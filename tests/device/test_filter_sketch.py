@@ -19,8 +19,6 @@ from kalscope.tuning.tuning import ChannelTuning
 TRIPLES = [
     (0.01, 4.0, None),
     (0.05, 0.3, 0.0),
-    (1e-5, 9.7, 100.0),
-    (30.0, 0.1, None),
     (0.0, 4.0, 50.0),
     (0.7, 0.0, 3.0),
     (1e-10, 3.3, 12.0),

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import re
-
 import numpy as np
 import pytest
 from board import FLAT_OUT
 from exported_rule import compiled_rule, rows_of
 from exported_sketch import FAST, MISSING, Talk, exported
 
-from kalscope.cli.app import run
 from kalscope.estimation.noise import noise_from_still
 from kalscope.export.board import Calibrated, NotCalibrated, read_calibration
 from kalscope.export.board import read_answer as read_values
@@ -24,17 +21,6 @@ ROWS = rows_of(SECONDS, 0.001)
 def values(talk, channels):
     """What the filters use."""
     return [read_values(text) for text in talk.ask("?", "bits=", channels)]
-
-
-@pytest.fixture
-def talk(start_board):
-    """talk(firmware, counts, *options) -> the open port of a board, and the board."""
-
-    def begin(firmware, counts, *options):
-        board = start_board(firmware, counts, *FLAT_OUT, *options)
-        return Talk(board), board
-
-    return begin
 
 
 def noise(sigma, level=500.3, seed=0, rows=2000):
@@ -60,10 +46,10 @@ def four_channels(workshop):
 
 
 def test_what_it_measures_is_that_of_this_computer_to_the_last_bit_and_the_hosts_figure_within_one_percent(
-    talk, four_channels, tmp_path
+    start_board, four_channels, tmp_path
 ):
     """Noise of a fifth of a step to 80 steps, drift, spikes and missing samples; the others keep their values."""
-    board, _ = talk(*four_channels)
+    board = Talk(start_board(*four_channels, *FLAT_OUT))
     measure = compiled_rule(tmp_path)
     board.ask(f"c {SECONDS}", "calibrating rows=", 4)
     begun = [text for _, text in board.said[-4:]]
@@ -90,18 +76,7 @@ def test_what_it_measures_is_that_of_this_computer_to_the_last_bit_and_the_hosts
         assert (used.q, used.r, used.p0) == (found.q, found.r, np.inf)
 
 
-def test_the_command_lets_it_measure_and_compares_the_same_samples(start_board, four_channels, capsys):
-    board = start_board(*four_channels, *FLAT_OUT)
-    assert run(["calibrate", f"{board.port}@1000000", "--seconds", f"{SECONDS}", "--keep"]) == 0
-    said = capsys.readouterr().out
-    assert re.findall(r"^(\w+): r = .* from ", said, re.M) == ["slow", "drifts", "spiky", "loud"]
-    apart = re.findall(r" on the board, \S+ here: equal within (\S+) %\.", said)
-    assert len(apart) == 4
-    assert max(map(float, apart)) < 1.0
-    assert said.endswith("Kept: the board uses these values from its next start.\n")
-
-
-def test_a_refusal_says_why_and_keeps_the_old_values_while_the_filter_goes_on(talk, workshop):
+def test_a_refusal_says_why_and_keeps_the_old_values_while_the_filter_goes_on(start_board, workshop):
     unplugged = noise(3.0)
     unplugged[200:] = 0.0
     counts = as_counts(
@@ -114,7 +89,8 @@ def test_a_refusal_says_why_and_keeps_the_old_values_while_the_filter_goes_on(ta
     )
     names = ("drift", "unplugged", "saturated", "hum", "jump", "shaken")
     channels = [ChannelTuning(name, "", 0.25, 4.0) for name in names]
-    board, _ = talk(exported(workshop, *channels, edits=(*FAST, MISSING), calibration=True), counts)
+    firmware = exported(workshop, *channels, edits=(*FAST, MISSING), calibration=True)
+    board = Talk(start_board(firmware, counts, *FLAT_OUT))
     board.ask(f"c {SECONDS}", " not calibrated: ", 6)
     said = {
         answer.name: answer.reason
@@ -153,10 +129,11 @@ SPOILED = (
 """Commands that break the EEPROM: `w 5` writes nonsense into a cell, from `v 5` on a cell holds what it has."""
 
 
-def test_kept_values_survive_a_reset_unless_they_are_forgotten_damaged_or_anothers(talk, workshop):
+def test_kept_values_survive_a_reset_unless_they_are_forgotten_damaged_or_anothers(start_board, workshop):
     channel = ChannelTuning("light", "", 0.25, 4.0, momentum=20.0)
     firmware = exported(workshop, channel, edits=(*FAST, *BY_ITSELF, *SPOILED), calibration=True)
-    board, uno = talk(firmware, as_counts(noise(3.0)), "--low", 2)
+    uno = start_board(firmware, as_counts(noise(3.0)), *FLAT_OUT, "--low", 2)
+    board = Talk(uno)
 
     def started():
         """What it says from a reset to the names of its columns."""

@@ -96,8 +96,7 @@ def test_an_estimate_that_will_stand_still_is_told_and_no_other(ratio, momentum)
 )
 def test_what_float32_misses_is_told_and_no_more(params, level, told):
     limits = device_limits(params, level)
-    assert len(limits) == len(told)
-    assert all(map(re.match, told, limits))
+    assert all(re.match(*pair) for pair in zip(told, limits, strict=True))
 
 
 def test_a_fusion_is_told_what_the_filter_it_settles_into_cannot_do():
@@ -110,8 +109,7 @@ def test_a_fusion_is_told_what_the_filter_it_settles_into_cannot_do():
     ):
         tuning = Tuning((ChannelTuning("a", "", 1.0, 1.0),), fusion=fusion)
         limits = limits_of(tuning, "arduino", lambda _: 1.0)
-        assert all(map(re.match, words, limits))
-        assert len(words) == len(limits)
+        assert all(re.match(*pair) for pair in zip(words, limits, strict=True))
 
 
 def test_what_float32_cannot_hold_of_a_chain_is_told():

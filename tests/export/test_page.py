@@ -37,15 +37,11 @@ def samples_of(packed):
     return z
 
 
-@pytest.mark.parametrize(
-    ("z", "kind"),
-    [
-        ([1.5, np.nan, -2.25, 1e5], "steps"),
-        ([0.1, 0.2, 0.30000000000000004], "doubles"),
-        ([1e308, np.nan, -1e308], "doubles"),
-        ([np.nan, np.nan], "steps"),
-    ],
-)
+STEPS = [1.5, np.nan, -2.25, 1e5], [np.nan, np.nan]
+DOUBLES = [0.1, 0.2, 0.30000000000000004], [1e308, np.nan, -1e308]
+
+
+@pytest.mark.parametrize(("z", "kind"), [*((z, "steps") for z in STEPS), *((z, "doubles") for z in DOUBLES)])
 def test_samples_come_back_to_the_last_bit(z, kind):
     recording = replace(Recording.of_samples(np.array(z)), names=("flex",))
     packed = data_of(make_page(recording, [ONE]))["channels"][0]["z"]

@@ -182,7 +182,8 @@ def export_tuning(
     job = job_of(chosen)
     for need, words, instead in _NEEDS:
         if getattr(job, f"has_{need}") and need in TARGETS[target].lacks:
-            able = ", ".join(name for name, each in TARGETS.items() if need not in each.lacks)
+            can = (name for name, each in TARGETS.items() if need not in each.lacks and each.setting is None)
+            able = ", ".join(can)
             raise BadSetting(f"target must support {words} (got {target}): choose {able}, or {instead}")
     if calibration and (job.fuses or not TARGETS[target].can_calibrate):
         able = " or ".join(name for name, each in TARGETS.items() if each.can_calibrate)

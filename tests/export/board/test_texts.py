@@ -67,9 +67,8 @@ def test_an_answer_may_name_a_median_and_a_filter_that_takes_no_values():
     assert answer.applied_to(float32_params(FilterParams(0.5, 4.0))).median == 5
     both = line.replace("m=5", "t=20.000000 m=5").replace("7F800000", "7F800000,41A00000")
     assert read_answer(both) == BoardAnswer("light", F(0.01), F(4.0), F(np.inf), F(20.0), 5)
-    assert read_answer(
-        "# tilt takes no values while it runs: export the sketch again to change it\r\n"
-    ) == FixedFilter("tilt")
+    fixed = "# tilt takes no values while it runs: export the sketch again to change it\r\n"
+    assert read_answer(fixed) == FixedFilter("tilt")
 
 
 @pytest.mark.parametrize(

@@ -236,9 +236,9 @@ def test_json_holds_the_tuned_numbers(case):
     (fused,) = document["channels"]
     keys = ("process_noise_q", "start_variance_p0", "start_value_x0", "outlier_gate")
     assert [fused[key] for key in keys] == [fusion.q, fusion.p0, fusion.x0, fusion.gate]
-    each = [(s["name"], s["measurement_noise_r"], s["offset"], s["gain"]) for s in fused["sensors"]]
-    assert each == list(zip(fusion.sensors, fusion.r, fusion.offset, fusion.gain, strict=True))
-    assert [s["share"] for s in fused["sensors"]] == fusion.params.shares.tolist()
+    keys = ("name", "measurement_noise_r", "offset", "gain", "share")
+    expected = zip(fusion.sensors, fusion.r, fusion.offset, fusion.gain, fusion.params.shares, strict=True)
+    assert [tuple(one[key] for key in keys) for one in fused["sensors"]] == list(expected)
     named = step_of(fusion)
     named.pop("momentum", None)
     assert named.items() <= fused.get("momentum", {}).items()

@@ -17,7 +17,16 @@ from scipy.signal import lfilter
 
 from kalscope import BadSetting, ChannelTuning, Recording, Tuning, denoise, export_tuning
 from kalscope.export.settings import settings_of
-from kalscope.filtering.classic import Butterworth, Chain, Exponential, Median, MovingAverage, OneEuro, bench_of
+from kalscope.filtering.classic import (
+    Butterworth,
+    Chain,
+    Exponential,
+    Median,
+    MovingAverage,
+    Notch,
+    OneEuro,
+    bench_of,
+)
 from kalscope.filtering.steady import steady_state
 
 PERIOD = 0.02
@@ -188,12 +197,8 @@ def test_a_chain_gives_its_own_filter_and_another_one_its_lag():
         ("one-euro", KALMAN, PERIOD, "must be tuned on a recording .got none.: add --vectors"),
         ("klipper", KALMAN, None, "sample_period of the tuning must be known for Klipper"),
         ("rc", replace(KALMAN, q=0.0), PERIOD, "must have a lag above 0 .*got a gain of 0 or 1"),
-        (
-            "rc",
-            chained(5),
-            PERIOD,
-            "one alone .* .got median of 5, then Kalman",
-        ),
+        ("rc", chained(5), PERIOD, "one alone .* .got median of 5, then Kalman"),
+        ("rc", chained(1, Exponential(0.3), Notch(0.1, 0.01)), PERIOD, "one alone .* .got notch"),
         ("rc", chained(1, Median(5)), PERIOD, "by a formula .got Median"),
         ("rc", chained(1, Exponential(1.0)), PERIOD, "must have a lag above 0 by a formula .got Exponential"),
         ("ardupilot-2p", KALMAN, 60.0, "cutoff in cycles per sample must be"),
