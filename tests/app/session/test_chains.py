@@ -85,8 +85,8 @@ HOSTILE = {
     "median 5": None,
     "median 1e300, kalman": "window must be a whole number from 1 to",
     "exponential nan": "alpha of exponential must be",
-    "exponential 0.2, median 3": "the first filter of two must be a median",
-    "median 3, median 3, kalman": "a chain must be a filter, or a median and a filter",
+    "exponential 0.2, median 3": "a chain must be a filter, after a median, a notch or both",
+    "median 3, median 3, kalman": "a chain must be a filter, after a median, a notch or both",
     "median 5, <script>": "a filter of a chain must be one of",
 }
 
