@@ -6,6 +6,7 @@ import importlib
 import json
 import os
 import warnings
+from codecs import BOM_UTF8
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,6 +17,7 @@ from kalscope.errors import BadFile, KalscopeError
 from kalscope.sources.containers.table import Table, Text
 from kalscope.sources.grammar.line_format import find_object
 
+_LVM = b"LabVIEW Measurement"
 _BEFORE_JSON = b"\xef\xbb\xbf\xff\xfe\0 \t\r\n"
 """What may precede the first character: byte order marks, blanks, and the empty halves of UTF-16."""
 _MAX_LINES = 50
@@ -82,11 +84,7 @@ def _is_json_document(head: bytes, name: str) -> bool:
 
 _CONTAINERS = (
     Container("a Parquet file", _begins(b"PAR1"), "arrays.read_parquet"),
-    Container(
-        "a LabVIEW measurement file",
-        _begins(b"LabVIEW Measurement", b"\xef\xbb\xbfLabVIEW Measurement"),
-        "labview.read_lvm",
-    ),
+    Container("a LabVIEW measurement file", _begins(_LVM, BOM_UTF8 + _LVM), "labview.read_lvm"),
     Container("a TDMS file", _begins(b"TDSm"), "arrays.read_tdms"),
     Container("an HDF5 file", _begins(b"\x89HDF\r\n\x1a\n"), "arrays.read_hdf5"),
     Container("a MATLAB file", _begins(b"MATLAB 5.0 MAT-file"), "arrays.read_mat"),

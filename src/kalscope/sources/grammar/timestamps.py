@@ -624,20 +624,9 @@ def _stamps(cells: Sequence[str], parse: StampParser) -> Array:
 
 
 TimeKind = Literal["number", "calendar", "clock"]
-PartRole = Literal[
-    "date",
-    "year",
-    "month",
-    "day",
-    "day of year",
-    "clock",
-    "hour",
-    "minute",
-    "second",
-    "millisecond",
-    "turns",
-    "rest",
-]
+DatePart = Literal["date", "year", "month", "day", "day of year"]
+ClockPart = Literal["clock", "hour", "minute", "second", "millisecond"]
+PartRole = DatePart | ClockPart | Literal["turns", "rest"]
 StampParser = Callable[[str], "float | None"]
 
 _MAX_STAMP = 1e20

@@ -485,11 +485,10 @@ def _find_time(
     choice = plan.preface.time_column if plan.options.time_column is None else plan.options.time_column
     decimal, labels = table.form.decimal, header.rows[-1][1] if header.rows else ()
     named = bool(header.rows) or all(column.name for column in columns)
-    # A field that was added later cannot be the time of the rows before.
-    least = min(table.narrow, default=len(columns))
     if choice is None and columns[0] == _TELEPLOT_TIME and table.form.kind == "teleplot":
         return TimeColumn(0, "number", "ms")
-    least = len(columns) if choice is not None else least
+    # A field that was added later cannot be the time of the rows before.
+    least = len(columns) if choice is not None else min(table.narrow, default=len(columns))
     few = [row[:least] for row in rows]
     return find_time(columns[:least], few, decimal, named=named, choice=choice, labels=labels, options=plan.options)
 
