@@ -185,8 +185,8 @@ LEVEL = ChannelTuning("level", "", 0.5, (9.0, 18.0, 27.0), sensors=("a", "b", "c
 ROW = "float row[KALSCOPE_SENSORS]; for (uint8_t j = 0; j < KALSCOPE_SENSORS; j++) row[j] = z + j;"
 FILTER = "x = running ? filter.update(z) : z;", "KalscopeFilter filter(KALSCOPE_TUNING_LIGHT);"
 FUSE = f"{ROW} x = running ? fusion.update(row) : row[0];", "KalscopeFusion fusion(KALSCOPE_FUSION_LEVEL);"
-TAKE = "if (running) one.take(z);", "KalscopeCalibration one;", "one.start(20000, KalscopeReadings{1, 0, 1023});"
 SHIFTED = {"offset": (0.0, 1.0, 2.0)}
+TAKE = "if (running) one.take(z);", "KalscopeCalibration one;", "one.start(20000, KalscopeReadings{1, 0, 1023});"
 
 
 @pytest.mark.parametrize(

@@ -31,36 +31,26 @@ def as_counts(*columns):
     return np.clip(np.rint(np.column_stack(columns)), 0, 1023).astype(int)
 
 
-FOUR = tuple(
-    ChannelTuning(name, "", 0.01 * (i + 1), 4.0) for i, name in enumerate(("slow", "drifts", "spiky", "loud"))
-)
-
-
-@pytest.fixture
-def four_channels(workshop):
-    """A sketch of four channels, and what its pins read."""
-    spiky = noise(7.0, seed=3)
-    spiky[200::97], spiky[150::61] = 900.0, 0.0
-    counts = as_counts(noise(0.2, 500.45), noise(2.0) + np.arange(2000) / 800, spiky, noise(80.0, seed=4))
-    return exported(workshop, *FOUR, edits=(*FAST, MISSING), calibration=True), counts
+FOUR = [ChannelTuning(name, "", 0.01, 4.0) for name in ("slow", "drifts", "spiky", "loud")]
 
 
 def test_what_it_measures_is_that_of_this_computer_to_the_last_bit_and_the_hosts_figure_within_one_percent(
-    start_board, four_channels, tmp_path
+    start_board, workshop, tmp_path
 ):
     """Noise of a fifth of a step to 80 steps, drift, spikes and missing samples; the others keep their values."""
-    board = Talk(start_board(*four_channels, *FLAT_OUT))
+    spiky = noise(7.0, seed=3)
+    spiky[200::97], spiky[150::61] = 900.0, 0.0
+    counts = as_counts(noise(0.2, 500.45), noise(2.0) + np.arange(2000) / 800, spiky, noise(80.0, seed=4))
+    firmware = exported(workshop, *FOUR, edits=(*FAST, MISSING), calibration=True)
+    board = Talk(start_board(firmware, counts, *FLAT_OUT))
     measure = compiled_rule(tmp_path)
     board.ask(f"c {SECONDS}", "calibrating rows=", 4)
     begun = [text for _, text in board.said[-4:]]
     assert begun == [f"# {channel.name} calibrating rows={ROWS}" for channel in FOUR]
     first = board.said[-1][0]
     board.until(" calibrated r=", 4)
-    answers = {
-        answer.name: (row, answer)
-        for row, text in board.said
-        if isinstance(answer := read_calibration(text), Calibrated)
-    }
+    read = [(row, read_calibration(text)) for row, text in board.said]
+    answers = {answer.name: (row, answer) for row, answer in read if isinstance(answer, Calibrated)}
     z = np.array(board.rows)[:, ::2]
     for i, channel in enumerate(FOUR):
         name = channel.name
@@ -92,11 +82,8 @@ def test_a_refusal_says_why_and_keeps_the_old_values_while_the_filter_goes_on(st
     firmware = exported(workshop, *channels, edits=(*FAST, MISSING), calibration=True)
     board = Talk(start_board(firmware, counts, *FLAT_OUT))
     board.ask(f"c {SECONDS}", " not calibrated: ", 6)
-    said = {
-        answer.name: answer.reason
-        for _, text in board.said
-        if isinstance(answer := read_calibration(text), NotCalibrated)
-    }
+    read = [read_calibration(text) for _, text in board.said]
+    said = {answer.name: answer.reason for answer in read if isinstance(answer, NotCalibrated)}
     measured = 8 * ((ROWS - 16) // 9)
     assert said == {
         "drift": "the level moves",

@@ -121,13 +121,13 @@ CHAINS = (
     ChannelTuning("rest", "V", 0.01, 20.0, fast=1e4, spikes=0.01),
     CHANNELS[1],
 )
+DOCS = Path(__file__).parents[2] / "docs/device.md"
 CPP = """\
 #include "KalscopeFilter.h"
 KalscopeFilter filter(KALSCOPE_TUNING_PLAIN);
 float update(float z);
 float update(float z) { return filter.update(z); }
 """
-DOCS = Path(__file__).parents[2] / "docs/device.md"
 
 
 @pytest.fixture(params=PROCESSORS, ids=lambda processor: processor.name)

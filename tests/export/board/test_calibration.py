@@ -57,7 +57,6 @@ def test_every_answer_is_read_and_nothing_else():
         ),
     }.items():
         assert read_calibration(line) == expected, line
-    assert ANSWER.rows == 2000
 
 
 @pytest.mark.parametrize("seconds", [0.0, -1.0, math.nan, math.inf])

@@ -21,8 +21,6 @@ from kalscope.export.board import (
 from kalscope.export.float32 import Float32Params, filter_float32, float32_params, without_momentum
 
 F = np.float32
-MAX_LINE = 30
-"""Letters that the exported sketch takes in a line."""
 
 
 def test_a_command_says_the_float32_exactly_and_fits_the_line_of_a_board():
@@ -32,7 +30,7 @@ def test_a_command_says_the_float32_exactly_and_fits_the_line_of_a_board():
         tau = F(10.0 ** rng.uniform(-3, 5))
         momentum = replace(without_momentum(q), momentum=tau)
         lines = commands(Float32Params(q, r, p0, momentum=momentum), channel=6, knows_momentum=True)
-        assert max(map(len, lines)) <= MAX_LINE
+        assert max(map(len, lines)) <= 30  # letters that the exported sketch takes in a line
         said = {line.split()[1]: F(line.split()[2]) for line in lines}
         assert said == {"q": q, "r": r, "t": tau, "p": p0}
 

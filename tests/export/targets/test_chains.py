@@ -14,7 +14,7 @@ from kalscope import BadSetting, ChannelTuning, Tuning, export_tuning
 from kalscope.export.board import momentum_on_board
 from kalscope.export.float32 import filter_float32, without_momentum
 from kalscope.export.job import ExportJob
-from kalscope.export.targets import arduino, c
+from kalscope.export.targets import arduino
 from kalscope.export.targets.c import numbers_of
 from kalscope.filtering.classic import Butterworth, Chain, Exponential, Median, MovingAverage, Notch, OneEuro
 from kalscope.filtering.kernels import transition
@@ -186,10 +186,3 @@ def test_what_float_cannot_hold_runs_in_double_and_is_refused_by_name_in_float(t
         assert f"float cannot hold the values of {one.name}" in failed.value.stderr
         with pytest.raises(BadSetting, match=f"{one.name}: .* float32"):
             arduino.files(ExportJob((one,)))
-
-
-def test_several_channels_and_hostile_names_compile(tmp_path):
-    names = ("*/ #define x", "int", "a\nb\\", "??/", "ünïcode 😀", "n" * 300, '"', "update", "start", "filter_c_h")
-    channels = tuple(ChannelTuning(name, name, 0.1, 1.0) for name in names)
-    texts = c.files(ExportJob(channels, source_name="*/\n#error", tool="\\\n", date="*/"))
-    build(tmp_path, "gcc", texts, "int main(void) { return 0; }", "-std=c99", "-trigraphs")

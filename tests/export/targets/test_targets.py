@@ -367,16 +367,11 @@ def test_a_vector_file_reads_back_bit_for_bit(either):
             np.testing.assert_array_equal(columns[:, 4], velocity)
 
 
-def test_vectors_are_the_start_of_a_long_recording():
-    z = np.linspace(0.0, 1.0, 5000)[:, None]
-    recording = Recording(np.arange(5000.0), ("a",), ("",), z, 1.0)
+def test_vectors_are_the_start_of_a_long_recording_and_one_that_does_not_fit_is_refused(shared):
+    long = Recording(np.arange(5000.0), ("a",), ("",), np.linspace(0.0, 1.0, 5000)[:, None], 1.0)
     job = job_of(Tuning((ChannelTuning("another name", "", 1.0, 1.0),)))
-    assert len(read(vector_files(job, recording)["groundtruth.csv"])) == MAX_ROWS
-
-
-def test_a_recording_that_does_not_fit_is_refused(shared):
-    short = Recording(np.arange(3.0), ("a",), ("",), np.ones((3, 1)), 1.0)
+    assert len(read(vector_files(job, long)["groundtruth.csv"])) == MAX_ROWS
     with pytest.raises(BadSetting, match="channel must be one of a"):
-        export_tuning(shared.tuning, "json", vectors=short)
+        export_tuning(shared.tuning, "json", vectors=long)
     with pytest.raises(BadSetting, match="at least one row"):
-        vector_files(job_of(shared.tuning), replace(short, time=short.time[:0], values=short.values[:0]))
+        vector_files(job, replace(long, time=long.time[:0], values=long.values[:0]))
