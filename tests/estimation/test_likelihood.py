@@ -190,7 +190,7 @@ def drops(z, contour, best, dt=None):
 def test_every_point_falls_short_by_what_was_asked(seed, unit, drop):
     z = unit * walk(800, 0.02, seed)
     best = estimate(z)
-    contour = likelihood_contour(z, best, drop=drop)
+    contour = likelihood_contour(z, best, likelihood_profile, drop=drop)
     assert contour.closed
     assert drops(z, contour, best) == pytest.approx(np.full(122, drop), abs=0.02)
 
@@ -198,17 +198,21 @@ def test_every_point_falls_short_by_what_was_asked(seed, unit, drop):
 def test_the_nile_and_a_record_with_gaps():
     nile = open_source("sample:nile").values[:, 0]
     best = estimate(nile)
-    assert drops(nile, likelihood_contour(nile, best), best) == pytest.approx(np.full(122, DROP_95), abs=0.02)
+    assert drops(nile, likelihood_contour(nile, best, likelihood_profile), best) == pytest.approx(
+        np.full(122, DROP_95), abs=0.02
+    )
     z = walk(600, 0.05, 3)
     z[100:140] = np.nan
     dt = np.random.default_rng(4).uniform(0.2, 3.0, 600)
     best = estimate(z, dt=dt)
-    assert drops(z, likelihood_contour(z, best, dt), best, dt) == pytest.approx(np.full(122, DROP_95), abs=0.03)
+    assert drops(z, likelihood_contour(z, best, likelihood_profile, dt), best, dt) == pytest.approx(
+        np.full(122, DROP_95), abs=0.03
+    )
 
 
 def test_white_noise_allows_no_movement_at_all_so_its_contour_is_open():
     z = np.random.default_rng(6).normal(size=400)
     best = estimate(z)
-    contour = likelihood_contour(z, best)
+    contour = likelihood_contour(z, best, likelihood_profile)
     assert not contour.closed
     assert contour.log_q.min() < np.log(best.r) - 15

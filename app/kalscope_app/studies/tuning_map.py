@@ -261,7 +261,7 @@ def scan_recording(state: State) -> Scan:
     if best.verdict in ("too_few", "constant", "bad_unit"):
         return Scan(best, None, None)
     scan = partial(likelihood_profile, momentum=momentum)
-    around = likelihood_contour(z, best, dt, scan=scan)
+    around = likelihood_contour(z, best, scan, dt)
     line = None if around is None else np.stack([around.log_q, around.log_r], axis=1) / LN10
     return Scan(best, scan(z, dt=dt), line, momentum)
 

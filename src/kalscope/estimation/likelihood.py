@@ -14,11 +14,10 @@ from numpy.typing import ArrayLike
 
 from kalscope.common.numbers import Array, Indices, Mask
 from kalscope.common.progress import Progress
-from kalscope.errors import BadSetting
 from kalscope.estimation import kernels
 from kalscope.estimation.result import Estimate
 from kalscope.filtering.filter import kalman_filter
-from kalscope.filtering.params import FilterParams, one_record
+from kalscope.filtering.params import FilterParams
 
 # How well a pair (q, r) explains a record: the exact log-likelihood, and its profile over λ = q/r.
 #
@@ -234,35 +233,6 @@ class Profile:
             chi2, logdet = np.moveaxis(CubicSpline(self.log_ratios, level)(wanted), -1, 0)
             total = self.step * q + r
             return -0.5 * (self.m * (math.log(2.0 * math.pi) + np.log(total)) + logdet + chi2 / total)
-
-
-def walk_profile(z: ArrayLike, log_ratios: ArrayLike | None = None, dt: ArrayLike | None = None) -> Profile:
-    """`likelihood_profile` without momentum."""
-    data, grid = profile_input(z, log_ratios, dt)
-    chi2, logdet = data.sums(np.exp(grid))
-    return profile_of(data, grid, chi2, logdet)
-
-
-def profile_input(
-    z: ArrayLike, log_ratios: ArrayLike | None, dt: ArrayLike | None, default: Array = DEFAULT_LOG_RATIOS
-) -> tuple[Differences, Array]:
-    """The record and the ln λ of a profile, checked as `likelihood_profile` says."""
-    samples, steps = one_record(z, dt)
-    grid = default if log_ratios is None else np.asarray(log_ratios, dtype=np.float64)
-    if grid.ndim != 1 or len(grid) < 2 or not np.all(np.diff(grid) > 0) or not np.abs(grid).max() <= MAX_LOG_RATIO:
-        raise BadSetting(f"log_ratios must be two or more ascending numbers within ±300 (got {log_ratios})")
-    data = differences(samples, steps)
-    if data.m < 1:
-        raise BadSetting("z must hold at least two finite samples (got fewer)")
-    return data, grid
-
-
-def profile_of(data: Differences, grid: Array, chi2: Array, logdet: Array, step: float = 1.0) -> Profile:
-    """The profile of Σv²/f (in scale²) and Σln f at each ln λ, r = 1."""
-    loglik = data.from_sums(chi2, logdet)
-    with np.errstate(over="ignore", under="ignore"):
-        chi2 = chi2 * data.scale * data.scale
-    return Profile(grid, loglik, chi2 / data.m, chi2, logdet, data.m, step)
 
 
 def loglik_map(profile: Profile, log_q: ArrayLike, log_r: ArrayLike) -> Array:
@@ -583,16 +553,16 @@ Scan = Callable[[ArrayLike, ArrayLike | None, ArrayLike | None], Profile]
 
 
 def likelihood_contour(
-    z: ArrayLike, best: Estimate, dt: ArrayLike | None = None, drop: float = DROP_95, scan: Scan = walk_profile
+    z: ArrayLike, best: Estimate, scan: Scan, dt: ArrayLike | None = None, drop: float = DROP_95
 ) -> Contour | None:
     """The line on which twice the log-likelihood is `drop` below its maximum.
 
     Args:
         z: measurements of one channel, shape (n,), unit; NaN is a missing sample.
         best: what `estimate(z, dt)` gave.
+        scan: scans the record with the momentum of `best`.
         dt: nominal sample periods before each sample, shape (n,), ≥ 0; None = 1 each.
         drop: see `DROP_95`, > 0.
-        scan: scans the record; another than the default where `best` has momentum.
 
     Returns:
         The contour; None where the likelihood has no maximum.

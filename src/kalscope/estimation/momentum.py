@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 from kalscope.common.numbers import Array
 from kalscope.common.progress import Progress
 from kalscope.common.text import number, percent
+from kalscope.errors import BadSetting
 from kalscope.estimation import kernels, methods
 from kalscope.estimation import verdict as verdict_words
 from kalscope.estimation.climb import (
@@ -32,20 +33,19 @@ from kalscope.estimation.climb import (
 from kalscope.estimation.likelihood import (
     DEFAULT_LOG_RATIOS,
     DROP,
+    MAX_LOG_RATIO,
     Differences,
     Peak,
     Profile,
+    differences,
     find_peak,
     grid_for,
     loglik_of,
-    profile_input,
-    profile_of,
-    walk_profile,
 )
 from kalscope.estimation.result import Estimate, MomentumFit
 from kalscope.estimation.verdict import MIN_VARIANCE
 from kalscope.filtering.filter import kalman_filter
-from kalscope.filtering.params import MAX_MOMENTUM, MAX_VARIANCE, FilterParams
+from kalscope.filtering.params import MAX_MOMENTUM, MAX_VARIANCE, FilterParams, one_record
 from kalscope.filtering.steady import SteadyState, steady_state
 
 # The likelihood of q, r and τ, the scale concentrated out: over ln of the step variance by r, and over ln τ.
@@ -117,11 +117,18 @@ def likelihood_profile(
             exceed ±300; dt does not fit z; momentum is out of its range.
     """
     tau = float(FilterParams(q=1.0, r=1.0, momentum=momentum).momentum)
-    if tau == 0.0:
-        return walk_profile(z, log_ratios, dt)
     step = step_variance(tau)
-    data, grid = profile_input(z, log_ratios, dt, default_log_ratios(step))
-    return profile_of(data, grid, *_sums(data, grid, tau, step), step)
+    data = differences(*one_record(z, dt))
+    grid = default_log_ratios(step) if log_ratios is None else np.asarray(log_ratios, dtype=np.float64)
+    if grid.ndim != 1 or len(grid) < 2 or not np.all(np.diff(grid) > 0) or not np.abs(grid).max() <= MAX_LOG_RATIO:
+        raise BadSetting(f"log_ratios must be two or more ascending numbers within ±300 (got {log_ratios})")
+    if data.m < 1:
+        raise BadSetting("z must hold at least two finite samples (got fewer)")
+    chi2, logdet = _sums(data, grid, tau, step) if tau else data.sums(np.exp(grid))
+    loglik = data.from_sums(chi2, logdet)
+    with np.errstate(over="ignore", under="ignore"):
+        chi2 = chi2 * data.scale * data.scale
+    return Profile(grid, loglik, chi2 / data.m, chi2, logdet, data.m, step)
 
 
 def default_log_ratios(step: float) -> Array:
