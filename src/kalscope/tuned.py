@@ -6,7 +6,7 @@ import os
 from dataclasses import dataclass, replace
 from html import escape
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from numpy.typing import ArrayLike
 
@@ -16,7 +16,7 @@ from kalscope.errors import BadSetting
 from kalscope.estimation.request import FitResult, Noise, Request, find_parameters
 from kalscope.export.page import make_page
 from kalscope.export.registry import export_tuning, write_files
-from kalscope.filtering.filter import FilterResult, kalman_filter, like_series
+from kalscope.filtering.filter import FilterResult, like_series
 from kalscope.filtering.params import FilterParams, one_record
 from kalscope.recording import Recording
 from kalscope.tuning.file import save_tuning
@@ -48,7 +48,7 @@ class TuneResult:
     @property
     def result(self) -> FilterResult:
         """The filter over the samples."""
-        return kalman_filter(self.recording.values[:, 0], self.params, _steps(self.recording))
+        return self.tuning.channels[0].filter.run(self.recording.values[:, 0], _steps(self.recording))
 
     @property
     def x(self) -> Any:
@@ -59,7 +59,7 @@ class TuneResult:
     def tuning(self) -> Tuning:
         """The tuning, as a tuning file holds it."""
         name, unit = self.recording.names[0], self.recording.units[0]
-        one = ChannelTuning.of_params(name, unit, self.params, self.found.how)
+        one = replace(ChannelTuning.of_params(name, unit, self.params, self.found.how), chain=self.found.chain)
         return Tuning.of(self.recording, [one], selected=name)
 
     def to_frame(self) -> Any:
@@ -123,6 +123,7 @@ def tune(
     r: float | None = None,
     sample_period: float | None = None,
     channel: str | None = None,
+    notch: float | Literal["auto"] | None = None,
 ) -> TuneResult:
     """Find the filter of one channel, as `kalscope tune` and the dashboard do.
 
@@ -133,6 +134,7 @@ def tune(
         r: the variance of the measurement noise where it is known, unit².
         sample_period: nominal sample period, s; None = that of the time index or of the recording.
         channel: which channel of a recording; None = its only one.
+        notch: what a notch before the filter takes out, Hz; "auto" = the strongest narrow line; None = no notch.
 
     Raises:
         BadSetting: z holds inf or has another shape, or several channels and `channel` is None; the request
@@ -153,7 +155,7 @@ def tune(
         sample_period=period,
     )
     target = {} if lag_ms is None else {"lag_s": lag_ms / 1000.0}
-    request = Request(target=target, ratio=ratio, noise=Noise(r=r))
+    request = Request(target=target, ratio=ratio, noise=Noise(r=r), notch=notch)
     found = find_parameters(samples, request, dt=_steps(one), sample_period=period)
     return TuneResult(one, found, samples if isinstance(z, Recording) else z)
 

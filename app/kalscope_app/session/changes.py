@@ -169,7 +169,7 @@ def apply_found(state: State, recording: Recording, channel: str, found: FitResu
     values |= {"gate": None} if params.fast else {}
     values |= {} if params.gate is None else {"gate": params.gate}
     values |= {} if params.p0 is None else {"p0": params.p0, "x0": params.x0}
-    after = replace(kept, **values, how=found.how, chain=None, paper=None)
+    after = replace(kept, **values, how=found.how, chain=found.chain, paper=None)
     searched = replace(outcome, after=after) if channel == state.channel else None
     return replace(state.with_tuning_of(at, after), searched=searched)
 
@@ -267,8 +267,9 @@ def set_median(state: State, words: str) -> State:
     if words == median_words(1 if chain is None else chain.median):
         return state
     _require("the median", words, MEDIANS)
-    then, window = chain and chain.then, MEDIANS[words]
-    return state.with_tuning(chain=None if window == 1 and then is None else Chain(window, then))
+    then, notch, window = chain and chain.then, chain and chain.notch, MEDIANS[words]
+    gone = window == 1 and then is None and notch is None
+    return state.with_tuning(chain=None if gone else Chain(window, then, notch))
 
 
 def _require(what: str, choice: str, choices: Collection[str]) -> None:

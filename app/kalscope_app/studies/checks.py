@@ -10,11 +10,12 @@ import numpy as np
 from kalscope.analysis.diagnostics import Diagnostics, diagnose_held_out, diagnose_run, without_residuals
 from kalscope.analysis.findings import request_in, still_met
 from kalscope.analysis.fused import judge_fusion
-from kalscope.analysis.judge import Judgement, judge, needs_noise, with_momentum, with_two_speeds
+from kalscope.analysis.judge import Judgement, judge, needs_noise, with_momentum, with_notch, with_two_speeds
 from kalscope.analysis.residuals import Run
 from kalscope.analysis.spectrum import AllanDeviation, Spectrum, allan_deviation, magnitude_response, spectrum
 from kalscope.common.numbers import Array
 from kalscope.estimation.fit import estimate
+from kalscope.estimation.hum import find_line
 from kalscope.estimation.request import BEST_FIT
 from kalscope.estimation.settings import momentum_gain
 from kalscope.estimation.still import find_still_stretch
@@ -236,6 +237,8 @@ def compute_checks(
     judgement, search = _of_filter(state, whole, held_out, still), _of_search(state, still)
     if judgement.tone != "good" and state.has_one_speed and judgement.status != "as_chosen":
         judgement = with_two_speeds(judgement, speeds(state))
+    if state.live is None:
+        judgement = with_notch(judgement, find_line(z, dt), state.recording.sample_period)
     whole, held_out = without_residuals(whole), without_residuals(held_out)
     judgement = replace(judgement, residuals=whole, held_out=held_out)  # without the arrays of all samples
     return Checks(state, whole, held_out, estimated, judgement, search)

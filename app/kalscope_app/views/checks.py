@@ -37,6 +37,7 @@ WORDS: dict[type[object], str] = {
     actions.EstimateAgain: "Fit again",
     actions.AddMomentum: "Add momentum at this lag",
     actions.AddTwoSpeeds: "Add two speeds",
+    actions.AddNotch: "Add a notch",
     actions.SetSpikesAside: "Set the spikes aside and fit again",
     actions.GiveNoise: "Give the noise of the sensor",
     actions.ChooseFilter: "Choose a lag",
@@ -76,6 +77,14 @@ def take(action: actions.Action, state: State, session: Session, search: Callabl
         search(lambda present: request if is_same_signal(present, state) else None)
 
 
+SEARCHES: dict[type[actions.Action], Request] = {
+    actions.EstimateAgain: Request(),
+    actions.AddTwoSpeeds: Request(two_speeds=True),
+    actions.AddNotch: Request(notch="auto"),
+}
+"""The searches of actions that say nothing more."""
+
+
 def request_of(action: actions.Action, state: State) -> Request | None:
     """The search that an action asks for about `state`; None where it asks for none."""
     match action:
@@ -85,15 +94,11 @@ def request_of(action: actions.Action, state: State) -> Request | None:
             outcome = state.searched
             before = Request() if outcome is None or outcome.request is None else outcome.request
             return replace(before, robust=True)  # what was known about the noise still is
-        case actions.EstimateAgain():
-            return Request()
-        case actions.AddTwoSpeeds():
-            return Request(two_speeds=True)
         case actions.AddMomentum(tau):
             lag = float(steady_state(state.params).lag_samples)
             return Request(target={"lag_samples": lag}, momentum=tau)
         case _:
-            return None
+            return SEARCHES.get(type(action))
 
 
 def stretch_text(state: State, first: int, last: int) -> str:

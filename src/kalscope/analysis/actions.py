@@ -45,6 +45,11 @@ class AddTwoSpeeds:
 
 
 @dataclass(frozen=True)
+class AddNotch:
+    """Put a notch before the filter, at the strongest narrow line of the spectrum."""
+
+
+@dataclass(frozen=True)
 class SetSpikesAside:
     """Estimate again by the spike-proof fit, `robust=True`."""
 
@@ -85,6 +90,7 @@ Action = (
     | EstimateAgain
     | AddMomentum
     | AddTwoSpeeds
+    | AddNotch
     | SetSpikesAside
     | UseStillStretch
     | GiveNoise

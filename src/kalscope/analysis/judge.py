@@ -9,6 +9,7 @@ import numpy as np
 
 from kalscope.analysis.actions import (
     AddMomentum,
+    AddNotch,
     AddTwoSpeeds,
     ChooseFilter,
     GiveNoise,
@@ -31,6 +32,7 @@ from kalscope.analysis.findings import (
 )
 from kalscope.common.numbers import Array, ShortRepr
 from kalscope.common.text import count, decibels, number, percent
+from kalscope.estimation.hum import Line
 from kalscope.estimation.request import Request
 from kalscope.estimation.result import Estimate, Shared
 from kalscope.estimation.two_speeds import TwoSpeeds
@@ -194,6 +196,14 @@ def with_two_speeds(one: Judgement, found: TwoSpeeds | None) -> Judgement:
         return one
     text = f"the signal rests and moves: two speeds predict it with {percent(found.gain)} smaller errors than one"
     return replace(one, findings=(Finding(one.status, text, AddTwoSpeeds()), *one.findings)[:MAX_ADVICE])
+
+
+def with_notch(one: Judgement, line: Line | None, sample_period: float | None) -> Judgement:
+    """The judgement of a filter without a notch on a record with this narrow line; None = there is none."""
+    text = "" if line is None else line.advice(sample_period)
+    return (
+        replace(one, findings=(Finding(one.status, text, AddNotch()), *one.findings)[:MAX_ADVICE]) if text else one
+    )
 
 
 def needs_noise(estimate: Estimate | None) -> bool:

@@ -45,7 +45,7 @@ options. The dashboard adds its command."""
 GROUPS = {
     "Goal": "lag_ms cutoff_hz noise_reduction_db gain overshoot ratio",
     "Noise": "still sigma density bandwidth_hz q r",
-    "Filter": "config momentum two_speeds gate robust p0 x0 fast spikes chain fuse reference sensor_gains",
+    "Filter": "config momentum two_speeds gate robust p0 x0 fast spikes chain notch fuse reference sensor_gains",
     "Reading": "channel every sample_period delimiter decimal header_row unit_row time_column time_unit time_format"
     " day_first rate missing gaps part unpack_gb follow",
     "Output": "output details as_json report force vectors",

@@ -25,7 +25,7 @@ from kalscope.analysis.diagnostics import (
 )
 from kalscope.analysis.findings import KEEP, as_sentences
 from kalscope.analysis.fused import judge_fusion
-from kalscope.analysis.judge import Judgement, judge, needs_noise, with_momentum, with_two_speeds
+from kalscope.analysis.judge import Judgement, judge, needs_noise, with_momentum, with_notch, with_two_speeds
 from kalscope.analysis.residuals import Run
 from kalscope.cli.tune_options import SPECIFICATIONS, FusionOptions, save
 from kalscope.common.numbers import Array
@@ -47,11 +47,13 @@ from kalscope.common.text import (
 from kalscope.errors import BadSetting
 from kalscope.estimation.fit import estimate
 from kalscope.estimation.fusion import estimate_fusion, listed
+from kalscope.estimation.hum import behind_notch, cycles_text, find_line
 from kalscope.estimation.request import FitResult, Noise, Request, cost_text, find_parameters, shows_no_noise
 from kalscope.estimation.result import Estimate
 from kalscope.estimation.settings import momentum_gain
 from kalscope.estimation.still import find_still_stretch
 from kalscope.estimation.two_speeds import clear_two_speeds
+from kalscope.filtering.classic import ChainFilter, Notch
 from kalscope.filtering.params import FilterParams, scalar
 from kalscope.filtering.steady import SteadyState, steady_state
 from kalscope.recording import Recording
@@ -118,9 +120,17 @@ class Answer:
         return self.recording.sample_period
 
     @property
+    def notch(self) -> Notch | None:
+        """The notch before the filter; None where there is none."""
+        return None if self.result.chain is None else self.result.chain.notch
+
+    @property
     def steady(self) -> SteadyState | None:
         """The settled filter, of sensors while all answer; None without a filter."""
-        params = self.result.params
+        params, chain = self.result.params, self.result.chain
+        if params is not None and chain is not None:
+            run = ChainFilter(chain, params)
+            return run.settled(run.run(self.z[:, 0]), self.sample_period)
         return None if params is None else steady_state(params.as_single, self.sample_period)
 
     @property
@@ -179,6 +189,9 @@ def answer_for(
     result = find_parameters(z, request, dt=dt, sample_period=period, progress=progress.part(0.0, 0.4))
     result = replace(result, params=_with_gate(result.params, gate))
     assert result.params is not None
+    line = find_line(z, dt) if request.notch is None else None
+    request = replace(request, notch=None)
+    z = z if result.chain is None or result.chain.notch is None else behind_notch(z, result.chain.notch)
     momentum = "auto" if result.params.momentum else 0.0
     allowed = result.estimate or estimate(z, dt=dt, momentum=momentum, robust=request.robust)
     progress(0.6, "judging the answer")
@@ -195,6 +208,7 @@ def answer_for(
         best = estimate(z, dt=dt, robust=request.robust)
         gain = momentum_gain(z, dt, one, best)
         judgement = with_momentum(judgement, float(best.momentum), gain)
+    judgement = with_notch(judgement, line, period)
     return Answer(recording, (channel,), unit, request, result, allowed, judgement)
 
 
@@ -322,6 +336,8 @@ def option_for(action: actions.Action | None, answer: Answer) -> str:
             words = ["--gate off" if sigma is None else f"--gate {sigma * sigma:.4g}"]
         case actions.AddTwoSpeeds():
             words = ["--two-speeds", *without]
+        case actions.AddNotch():
+            words = ["--notch auto", *without]
         case actions.UseStillStretch():
             words = ["--still auto"]
         case actions.Scale(q_factor, r_factor) if params is not None:
@@ -416,7 +432,8 @@ def _filter(answer: Answer) -> str:
     gate = "no gate" if params.gate is None else f"gate {gate_text(params.gate)}"
     aside = 0 if fit is None or fit.outliers is None else int(fit.outliers.sum())
     spikes = f", {plural(aside, 'spike')} set aside" if aside else ""
-    return f"{answer.name}: q = {trimmed(params.q, 4)}{r} {squared(answer.unit)}, {momentum}, {gate}{spikes}"
+    notch = "" if answer.notch is None else f", notch at {cycles_text(answer.notch.frequency, period)}"
+    return f"{answer.name}: q = {trimmed(params.q, 4)}{r} {squared(answer.unit)}, {momentum}, {gate}{spikes}{notch}"
 
 
 def _effect(answer: Answer) -> Iterator[str]:
@@ -457,8 +474,9 @@ def _allowed(answer: Answer) -> str:
 
 def _lags(answer: Answer) -> str:
     """The lags that the record allows, s; samples where the sample period is not known."""
-    period, lags = answer.sample_period, answer.range.lag_interval
-    return between(*lags) if period is None else between(*(lag * period for lag in lags), words=duration)
+    late, period = 0.0 if answer.notch is None else answer.notch.lag, answer.sample_period
+    low, high = (lag + late for lag in answer.range.lag_interval)
+    return between(low, high) if period is None else between(low * period, high * period, words=duration)
 
 
 def _table(answer: Answer) -> Iterator[str]:
@@ -634,6 +652,7 @@ def as_plain(answer: Answer) -> dict[str, Any]:
         **vars(fit),
         "outliers": spikes,
         **{name: None if params is None else getattr(params, name) for name in names.split()},
+        **({} if answer.fuses else {"notch": answer.notch}),
         **({"fused": answer.sensors} if answer.fuses else {"channel": answer.name}),
         "unit": answer.unit,
         "sample_period": answer.sample_period,
@@ -680,7 +699,8 @@ def save_answers(answers: list[Answer], output: Path) -> list[str]:
                 single = replace(params, q=params.q * gain * gain, r=r, offset=0.0, gain=1.0)
                 tunings.append(ChannelTuning.of_params(name, unit, single, how))
         elif not one.useless and params is not None:
-            tunings.append(ChannelTuning.of_params(one.name, one.unit, params, how))
+            tuning = ChannelTuning.of_params(one.name, one.unit, params, how)
+            tunings.append(replace(tuning, chain=one.result.chain))
     without = "; ".join(f"{one.name}: {one.verdict_words}" for one in answers if one.useless)
     if not tunings:
         lost = "".join(f"{sentence}. " for sentence in account.warnings(recording))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence, Set
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -136,6 +136,11 @@ class TuneOptions:
 class FusionOptions(TuneOptions):
     """The options of `kalscope tune`: those of a fleet, and those about fusing."""
 
+    notch: Annotated[
+        float | None,
+        number_option('Notch before the filter, Hz, or "auto": the strongest narrow line.', number_or("auto")),
+    ] = None
+    """NaN = auto."""
     fuse: Annotated[
         str | None,
         text_option("NAMES", "Fuse these channels, sensors of one quantity, such as a,b; then also --r a=4,b=9."),
@@ -147,12 +152,19 @@ class FusionOptions(TuneOptions):
         bool, typer.Option("--sensor-gains", help="With --fuse: estimate the gain of each sensor too.")
     ] = False
 
+    def request(self, recording: Recording) -> Request:
+        """As that of `TuneOptions`, with the notch."""
+        auto = self.notch is not None and math.isnan(self.notch)
+        return replace(super().request(recording), notch="auto" if auto else self.notch)
+
     def refuse_others(self, channel: str | None, every: bool) -> None:
         """Raise BadSetting for an option that --fuse excludes, or that needs --fuse where it is not given."""
         if self.fuse is None:
             if self.reference is not None or self.sensor_gains:
                 option = "--sensor-gains" if self.reference is None else "--reference"
                 raise BadSetting(f"{option} needs --fuse, the sensors of one quantity (got none)")
+        elif self.notch is not None:
+            raise BadSetting(f"--notch must be used without --fuse: it filters one channel (got {self.notch:g} Hz)")
         elif channel is not None or every:
             got = "--all" if every else f"--channel {channel!r}"
             raise BadSetting(f"--fuse must be used without --channel and --all: it names its channels (got {got})")

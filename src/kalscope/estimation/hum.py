@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
 from kalscope.common.numbers import Array
-from kalscope.common.text import frequency
+from kalscope.common.text import frequency, percent
 from kalscope.errors import BadSetting
-from kalscope.filtering.classic import MAX_NOTCH, MAX_WIDTH, MIN_NOTCH, MIN_WIDTH, Notch
+from kalscope.filtering.classic import MAX_NOTCH, MIN_NOTCH, Notch, RunningStage
 
 SEGMENT = 2048
 """Samples of a spectrum; those of a longer record are averaged."""
+MAX_SEGMENTS = 256
+"""Most of them: the last."""
 MIN_SAMPLES = 256
 """Below this a line is as wide as what is beside it."""
 MIN_LINE = 0.02
@@ -30,6 +33,10 @@ MOVEMENT = 0.3
 """Share of the variance of a record above which a line may be the movement itself, such as a pulse or a swing."""
 WORTH = 0.1
 """Share of the fast noise below which a notch removes less than it costs."""
+LOWEST_HUM = 5.0
+"""Lowest frequency of what may be a rotor or a fan rather than a movement, Hz."""
+MIN_RATE = 10.0
+"""Lowest rate at which a line may be an alias of the mains, Hz: slower sensors average over its periods."""
 MAINS = tuple(base * n for base in (50.0, 60.0) for n in (1, 2, 3))
 """Frequencies of mains hum, Hz."""
 
@@ -47,24 +54,31 @@ class Line:
     of_noise: float
     """The same as a share of its sum with the variance of white noise of the level beside the line."""
 
-    @property
-    def is_noise(self) -> bool:
-        """Whether a notch may be offered: it removes much noise, and hardly movement."""
-        return self.of_noise > WORTH and self.of_record <= MOVEMENT
+    def mains(self, sample_period: float | None) -> float | None:
+        """The mains frequency that appears here, Hz; None where none does, or slow samples may meet any of them."""
+        rate = 0.0 if sample_period is None else 1.0 / sample_period
+        apart = (abs(abs(f - rate * round(f / rate)) - self.frequency * rate) for f in MAINS if rate > MIN_RATE)
+        return next((f for f, one in zip(MAINS, apart, strict=False) if one < 2.0 * rate / SEGMENT), None)
 
     def words(self, sample_period: float | None) -> str:
         """Where it is, such as "12.5 Hz, as 50 Hz appears at 62.5 samples a second"."""
-        if sample_period is None:
-            return f"{self.frequency:.3g} cycles a sample"
-        rate, here = 1.0 / sample_period, self.frequency / sample_period
-        near = 2.0 * rate / SEGMENT
-        mains = [f for f in MAINS if abs(abs(f - rate * round(f / rate)) - here) < near]
-        alias = (
-            f", as {mains[0]:g} Hz appears at {rate:.4g} samples a second"
-            if mains and mains[0] > 0.5 * rate
-            else ""
-        )
-        return f"{frequency(here)}{alias}"
+        text, mains = cycles_text(self.frequency, sample_period), self.mains(sample_period)
+        if sample_period is None or mains is None or mains < 0.5 / sample_period:
+            return text
+        return f"{text}, as {mains:g} Hz appears at {1.0 / sample_period:.4g} samples a second"
+
+    def advice(self, sample_period: float | None) -> str:
+        """What a notch would do, a clause; "" where it would remove little, or what may be the movement."""
+        hum = self.mains(sample_period) is not None and self.of_record <= MOVEMENT
+        if self.of_noise < WORTH or not (hum or (sample_period and self.frequency > LOWEST_HUM * sample_period)):
+            return ""
+        text = f"{self.words(sample_period)} is {percent(self.of_noise)} of the fast noise: a notch takes it out"
+        return f"hum at {text}" if hum else f"a narrow line at {text}, unless it is what you measure"
+
+
+def cycles_text(cycles: float, sample_period: float | None) -> str:
+    """A frequency in cycles per sample, in Hz where the sample period is known."""
+    return f"{cycles:.3g} cycles a sample" if sample_period is None else frequency(cycles / sample_period)
 
 
 def find_line(z: Array, dt: Array | None = None) -> Line | None:
@@ -82,6 +96,7 @@ def find_line(z: Array, dt: Array | None = None) -> Line | None:
     from scipy.ndimage import median_filter
     from scipy.special import gammainccinv, gammaincinv
 
+    z = z[-MAX_SEGMENTS * SEGMENT :]
     latest = np.maximum.accumulate(np.where(np.isfinite(z), np.arange(len(z)), 0))
     changes = np.diff(z[latest])
     changes = np.clip(changes, *_bounds(changes))
@@ -114,29 +129,35 @@ def _bounds(changes: Array) -> tuple[float, float]:
     return (middle - reach, middle + reach) if reach > 0.0 else (changes.min(), changes.max())
 
 
-def notch_at(cycles: float) -> Notch:
-    """The notch for a frequency in cycles per sample.
-
-    Raises:
-        BadSetting: a notch cannot be there.
-    """
-    return Notch(cycles, min(max(RELATIVE_WIDTH * cycles, MIN_WIDTH), MAX_WIDTH, 0.9 * (0.5 - cycles) + MIN_WIDTH))
+def behind_notch(z: Array, notch: Notch) -> Array:
+    """What a notch passes of samples z, shape (n,); NaN where they are missing."""
+    return np.where(np.isnan(z), z, RunningStage(notch).take(z, np.empty(0)))
 
 
-def notch_for(hertz: float, sample_period: float | None) -> Notch:
-    """The notch for a frequency in Hz, at its alias where the samples are too slow for it.
+def notch_for(
+    z: Array, dt: Array | None, hertz: float | Literal["auto"], sample_period: float | None
+) -> tuple[Notch | None, str]:
+    """The notch at a frequency in Hz, or its alias; or at the strongest line of z; and a sentence about it.
 
     Raises:
         BadSetting: the sample period is not known, or the alias is too close to 0 or to half of the sample rate.
     """
+    if hertz == "auto":
+        line = find_line(z, dt)
+        if line is None:
+            return None, "No narrow line stands out of the spectrum, so there is no notch."
+        share = f", {percent(line.of_noise)} of the fast noise"
+        return _notch(line.frequency), f"A notch takes out {line.words(sample_period)}{share}."
     if sample_period is None:
-        raise BadSetting(
-            f"a notch at {hertz:g} Hz needs the time between two samples: give --sample-period (got none)"
-        )
+        must = f"a notch at {hertz:g} Hz needs the time between two samples"
+        raise BadSetting(f"{must}: give --sample-period (got none)")
     cycles = abs(hertz * sample_period - round(hertz * sample_period))
     if not MIN_NOTCH <= cycles <= MAX_NOTCH:
-        raise BadSetting(
-            f"a notch must be between {MIN_NOTCH / sample_period:.3g} and {MAX_NOTCH / sample_period:.4g} Hz"
-            f" (got {hertz:g} Hz, which appears at {cycles / sample_period:.3g} Hz)"
-        )
-    return notch_at(cycles)
+        low, high = (edge / sample_period for edge in (MIN_NOTCH, MAX_NOTCH))
+        got = f"{hertz:g} Hz, which appears at {cycles / sample_period:.3g} Hz"
+        raise BadSetting(f"a notch must be between {low:.3g} and {high:.4g} Hz (got {got})")
+    return _notch(cycles), f"A notch takes out {hertz:g} Hz."
+
+
+def _notch(cycles: float) -> Notch:
+    return Notch(cycles, min(RELATIVE_WIDTH * cycles, 0.5 - cycles))

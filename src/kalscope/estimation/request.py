@@ -37,6 +37,7 @@ from kalscope.estimation.fit import (
     estimate_fixed_ratio,
     params_for_specification,
 )
+from kalscope.estimation.hum import behind_notch, notch_for
 from kalscope.estimation.noise import is_even_ramp, noise_from_datasheet, noise_from_still, noise_scale
 from kalscope.estimation.result import Estimate
 from kalscope.estimation.settings import (
@@ -52,6 +53,7 @@ from kalscope.estimation.settings import (
     with_matching_r,
 )
 from kalscope.estimation.still import MIN_SAMPLES, find_still_stretch
+from kalscope.filtering.classic import Chain
 from kalscope.filtering.params import MAX_VARIANCE, FilterParams, one_record
 from kalscope.filtering.steady import ratio_for, steady_state
 
@@ -141,6 +143,8 @@ class Request:
     """Whether spikes are set aside, as `estimate` takes it."""
     two_speeds: bool = False
     """Whether two speeds are used where the record shows them, as `estimate` takes it; only without a goal."""
+    notch: float | Literal["auto"] | None = None
+    """What a notch before the filter takes out, Hz; "auto" = the strongest narrow line; None = there is none."""
     setting: str = ""
     """Of an answer: "light", "medium" or "strong" where the record shows hardly any noise, "slow" where it shows no
     movement; "" where q and r were estimated or asked for."""
@@ -205,6 +209,8 @@ class FitResult:
     """The share of the movement that the filter loses, as `movement_lost` measures it; 0 where there is a goal."""
     costs: tuple[Cost, ...] = ()
     """What each lag leaves of the noise and loses of the movement; () where there is a goal, or no movement."""
+    chain: Chain | None = None
+    """The notch before the filter; None = there is none."""
 
 
 def find_parameters(
@@ -234,6 +240,15 @@ def find_parameters(
         Cancelled: `cancelled()` was true.
     """
     request = replace(request or Request(), setting="")  # of an earlier answer
+    if request.notch is not None:
+        notch, text = notch_for(z, dt, request.notch, sample_period)
+        rest = replace(request, notch=None)
+        behind = z if notch is None else behind_notch(z, notch)
+        found = find_parameters(
+            behind, rest, dt=dt, sample_period=sample_period, progress=progress, cancelled=cancelled
+        )
+        chain = None if notch is None else Chain(notch=notch)
+        return replace(found, message=f"{text} {found.message}", chain=chain)
     tau, known, ratio = request.checked_momentum(), request.noise.resolve(z, dt), request.ratio
     if not request.goal:
         if known is None:
