@@ -1,4 +1,4 @@
-"""Two speeds as a user meets them: offered by the verdict, seen as a strip, set by a slider, saved, and undone."""
+"""Two speeds and a notch as a user meets them: offered by the verdict, seen, set, saved, and undone."""
 
 from __future__ import annotations
 
@@ -6,6 +6,8 @@ import numpy as np
 from screen import FIND
 
 from kalscope import FilterParams, estimate, kalman_filter
+from kalscope.estimation.request import Request, find_parameters
+from kalscope.filtering.classic import ChainFilter
 from kalscope_app.views.goal import MORE_FOLDER
 
 
@@ -35,3 +37,22 @@ def test_two_speeds_are_added_from_the_verdict_seen_dragged_and_undone(start, tm
     for _ in range(3):
         screen.page.get_by_role("button", name="Undo", exact=True).click()
     screen.page.get_by_role("button", name="no filter needed").wait_for()
+
+
+def test_a_notch_is_added_from_the_verdict_and_undone(start, tmp_path):
+    rng = np.random.default_rng(1)
+    t = np.arange(1500) / 200
+    hum = 2.0 * np.sin(2.0 * np.pi * 50.0 * t)
+    z = np.round(20.0 + np.cumsum(0.1 * rng.normal(size=1500)) + rng.normal(size=1500) + hum, 4)
+    log = tmp_path / "hum.csv"
+    log.write_text("t_s,flex\n" + "".join(f"{i:.3f},{one}\n" for i, one in zip(t, z.tolist(), strict=True)))
+    screen = start(str(log))
+    screen.page.get_by_role("button", name="model misfit").click()
+    screen.page.get_by_text("hum at 50.0 Hz").wait_for()
+    screen.page.get_by_role("button", name="Add a notch").click()
+    found = find_parameters(z, Request(notch="auto"))
+    expected = ChainFilter(found.chain, found.params).denoise(z)
+    screen.wait_for_line("filtered", expected, 1e-9)
+    screen.shot("notch")
+    screen.page.get_by_role("button", name="Undo", exact=True).click()
+    screen.page.get_by_role("button", name="model misfit").wait_for()

@@ -125,8 +125,8 @@ def add_steps(gui: viser.GuiApi, session: Session) -> None:
 
 CLASSIC = "This filter has no q and r; those of the Kalman filter are kept."
 BEHIND_MEDIAN = (
-    "q and r act on what the median leaves. The search for them and the tests are for the Kalman filter alone: "
-    "a median makes neighbouring errors correlated."
+    "q and r act on what the filter before them passes. The tests are for the Kalman filter alone: behind another "
+    "one neighbouring errors are correlated."
 )
 
 

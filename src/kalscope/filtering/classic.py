@@ -266,7 +266,7 @@ class Notch(_Stage):
     width: float
     """Between the two frequencies whose power is halved, cycles per sample, 1e-4 … 0.2."""
     name: ClassVar[str] = "Notch"
-    _setting: ClassVar[str] = "at {0.frequency:.4g}, width {0.width:.2g}"
+    _setting: ClassVar[str] = "at {0.frequency:.4g} cycles a sample, width {0.width:.2g}"
     memory: ClassVar[int] = 4
     """Numbers that it remembers: output, level, two sums."""
 
