@@ -14,10 +14,10 @@ import pytest
 from effort import FUZZ
 from verdict_states import SIGNALS, STATES, VerdictState, row_of
 
-from kalscope import FilterParams, kalman_filter
+from kalscope import FilterParams, kalman_filter, steady_state
 from kalscope.analysis import actions
 from kalscope.analysis.diagnostics import Diagnostics, diagnose
-from kalscope.analysis.findings import request_in, still_met
+from kalscope.analysis.findings import KEEP, request_in, still_met
 from kalscope.analysis.judge import judge
 from kalscope.estimation.request import Noise, Request, find_parameters
 
@@ -280,3 +280,20 @@ def test_a_lag_of_any_length_is_named_in_its_unit_and_read_back(seconds, words):
     how = Request(target={"lag_s": seconds}).goal
     assert how == f"a lag of {words}"
     assert request_in(how, 1.0).target == {"lag_s": pytest.approx(seconds)}
+
+
+# --- the best fit ---------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", SIGNALS)
+def test_a_first_answer_that_may_look_worse_says_what_to_do(name):
+    found = find_parameters(SIGNALS[name])
+    residuals = diagnose(kalman_filter(SIGNALS[name], found.params), fitted=found.reason == "best_fit")
+    said = judge(residuals, None, found.estimate, found.request)
+    keeps = any(advice.text.startswith(KEEP) for advice in said.findings)
+    assert keeps == (name == "sine")  # a lag would lose it
+    assert said.status not in ("too_slow", "too_fast", "no_pair")
+    if said.tone == "good":
+        assert float(steady_state(found.params).noise_reduction_db) >= 3.0
+    elif said.status not in ("start", "constant", "too_few"):
+        assert keeps or any(advice.action is not None for advice in said.findings)
