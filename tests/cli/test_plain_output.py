@@ -95,3 +95,13 @@ def test_tracebacks_and_warnings_are_plain(capsys, monkeypatch):
 @pytest.mark.parametrize("text", ["1\u202f469 °C²", "a\tb\nc", "−8 dB µ"])
 def test_units_thin_spaces_tabs_and_lines_stay(text):
     assert not CONTROL.search(text)
+
+
+@pytest.mark.parametrize("argv", [["tune", "--help"], ["tune", "−.csv"]])
+def test_what_is_printed_into_a_pipe_is_utf8_whatever_the_system_writes(argv, monkeypatch):
+    """Windows encodes a pipe as cp1252, which has no minus."""
+    streams = {name: io.TextIOWrapper(io.BytesIO(), "cp1252") for name in ("stdout", "stderr")}
+    for name, stream in streams.items():
+        monkeypatch.setattr(sys, name, stream)
+    assert run(argv) in (0, 2)
+    assert "−" in "".join(stream.buffer.getvalue().decode("utf-8") for stream in streams.values())

@@ -3,10 +3,7 @@
 from __future__ import annotations
 
 import math
-import os
 import re
-import shlex
-import subprocess
 from collections.abc import Callable, Collection
 from dataclasses import dataclass, replace
 from functools import partial
@@ -17,7 +14,7 @@ import numpy as np
 from kalscope.analysis import actions
 from kalscope.analysis.channel_kinds import default_channel
 from kalscope.analysis.findings import request_in
-from kalscope.common.text import TIME_UNITS, lag_text, one_line, typed_gate, typed_number
+from kalscope.common.text import TIME_UNITS, command_line, lag_text, one_line, typed_gate, typed_number
 from kalscope.errors import BadFile, BadSetting
 from kalscope.estimation.result import Estimate
 from kalscope.filtering.classic import Chain
@@ -865,8 +862,7 @@ def share_line(state: State) -> ShareLine:
         words += setting_words(state)
     if len(recording.names) > 1:
         remarks.append("The other channels open at their starting values; the tuning file above keeps them all.")
-    join = subprocess.list2cmdline if os.name == "nt" else shlex.join
-    return ShareLine(join(words), tuple(remarks))
+    return ShareLine(command_line(words), tuple(remarks))
 
 
 def setting_words(state: State) -> list[str]:

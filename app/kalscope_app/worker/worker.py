@@ -7,6 +7,7 @@ is started at once.
 
 from __future__ import annotations
 
+import math
 import multiprocessing
 import os
 import shutil
@@ -114,9 +115,9 @@ class Worker:
         if self._process is not None:
             self._process.join(1.0)  # its pipe ends a moment before it does
             status = self._process.exitcode
-        if status == -getattr(signal, "SIGPROF", 0):
+        if status == -getattr(signal, "SIGPROF", math.inf):
             return BadFile(f"{what} must be read within {MAX_CPU_S} s of processor time (got more): given up")
-        if status == -getattr(signal, "SIGKILL", 0):
+        if status == -getattr(signal, "SIGKILL", math.inf):
             why = "the system ended the process that read it, as it does without memory"
         else:
             why = f"the process that read it crashed (status {status})"

@@ -10,7 +10,7 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 from typer.main import get_command
 
-from kalscope.cli.console import USER_ERROR, say, user_message, writes_stdout
+from kalscope.cli.console import USER_ERROR, say, user_message, utf8_streams, writes_stdout
 from kalscope.common.stopping import INTERRUPTED
 
 COMMANDS = {
@@ -115,6 +115,7 @@ def run(argv: Sequence[str] | None = None) -> int:
 
     Every user error ends with status 2 and one line on stderr that begins with "kalscope: ".
     """
+    utf8_streams()
     try:
         status = app(args=None if argv is None else list(argv), prog_name="kalscope", standalone_mode=False)
         with writes_stdout():

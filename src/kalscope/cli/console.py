@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import re
 import sys
@@ -11,6 +12,7 @@ import traceback
 import warnings
 from collections.abc import Generator, Iterator
 from contextlib import contextmanager, suppress
+from io import TextIOWrapper
 from pathlib import Path
 from types import TracebackType
 from typing import Any, BinaryIO, TextIO
@@ -38,6 +40,13 @@ def say(message: str) -> None:
     """Print one line on stderr, if it is still open."""
     with suppress(OSError):
         print(f"kalscope: {one_line(message)}", file=sys.stderr, flush=True)
+
+
+def utf8_streams() -> None:
+    """Have everything that is printed into a file or a pipe in UTF-8: Windows would fail at the first −."""
+    for stream in sys.stdout, sys.stderr:
+        if isinstance(stream, TextIOWrapper):
+            stream.reconfigure(encoding=None if stream.isatty() else "utf-8", errors="backslashreplace")
 
 
 def plain_diagnostics() -> None:
@@ -104,7 +113,9 @@ def writes_stdout() -> Generator[None]:
     except OSError as error:
         # What is left in the buffer would raise once more when Python ends, where it cannot be caught.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        if isinstance(error, BrokenPipeError):
+        if isinstance(error, BrokenPipeError) or (
+            os.name == "nt" and error.errno == errno.EINVAL
+        ):  # as Windows has it
             raise typer.Exit(0) from None
         raise
 

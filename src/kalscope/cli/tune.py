@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import shutil
 import sys
-import tempfile
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -13,6 +12,7 @@ import typer
 
 from kalscope.cli.options import SamplePeriod, read_options, with_options
 from kalscope.cli.tune_options import NO_FUSION, FusionOptions
+from kalscope.common.files import temporary_folder
 from kalscope.errors import BadSetting
 from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
 
@@ -73,8 +73,8 @@ def _stdin(source: str, reading: ReadOptions, *, sample_period: float | None) ->
     """What comes on stdin until it ends, read as a file of text."""
     from kalscope.sources.reading.recording_file import read_recording
 
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "stdin"
+    with temporary_folder() as folder:
+        path = folder / "stdin"
         with path.open("wb") as file:
             shutil.copyfileobj(sys.stdin.buffer, file)
         recording = read_recording(path, reading, sample_period=sample_period)

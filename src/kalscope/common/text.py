@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 import re
 from collections.abc import Sequence
 from functools import cache
@@ -230,6 +231,14 @@ def typed_gate(text: str) -> float | None:
     if sigma <= 0.0:
         raise BadSetting(f"outlier gate must be above 0 σ, such as 4, or off (got {text[:40]!r})")
     return float(f"{sigma * sigma:.12g}")
+
+
+def command_line(words: Sequence[str]) -> str:
+    """Words as they are typed into the shell of this system."""
+    import shlex
+    import subprocess
+
+    return subprocess.list2cmdline(words) if os.name == "nt" else shlex.join(words)
 
 
 def unused_name(name: str, taken: set[str], joint: str) -> str:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import shlex
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -23,6 +22,7 @@ from kalscope.analysis.residuals import Run
 from kalscope.common.charts import Line, Panel, document, draw_svg, markup_of_table
 from kalscope.common.numbers import Array
 from kalscope.common.text import (
+    command_line,
     count,
     decibels,
     frequency,
@@ -230,7 +230,7 @@ def make_report(
         charts=_charts(recording, shown, z, result, truth),
         tables=tables,
         texts=texts,
-        command=command or shlex.join(reopened),
+        command=command or command_line(reopened),
         origin=_origin(recording, tuning, now),
     )
 

@@ -86,7 +86,7 @@ def moved(place: tuple[int, bytes], data: bytes) -> tuple[int, bytes]:
 
 
 def open_device(path: str, baud: int, reset: bool) -> int:
-    """A serial port of Linux: raw, 8N1, locked as pyserial locks one.
+    """A serial port of Linux or macOS: raw, 8N1, locked as pyserial locks one.
 
     Raises:
         OSError: It cannot be opened.
@@ -101,8 +101,9 @@ def open_device(path: str, baud: int, reset: bool) -> int:
     except BlockingIOError:
         raise OSError(errno.EBUSY, "is in use by another program") from None
     settings = ["raw", "-echo", "-cstopb", "-crtscts", "clocal", "cread", str(baud)]
+    option = "-F" if sys.platform == "linux" else "-f"  # of macOS
     try:
-        subprocess.run(["stty", "-F", path, *settings], stderr=subprocess.PIPE, check=True)
+        subprocess.run(["stty", option, path, *settings], stderr=subprocess.PIPE, check=True)
     except subprocess.CalledProcessError as error:
         raise OSError(errno.ENOTTY, "must be a serial port: " + error.stderr.decode().split("\n")[0]) from None
     if not reset:
