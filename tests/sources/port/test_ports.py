@@ -17,6 +17,9 @@ from kalscope.sources.port.serial_port import PortInfo, SerialPort, list_ports
 
 pytestmark = pytest.mark.usefixtures("no_thread_left")
 
+ADDRESSES = ["socket://192.168.1.20:3333", "UDP://[::1]:47269", "udp://:47269", "mqtt://broker/ada@x.org/t"]
+ADDRESSES += ["mqtt://ada@[::1]:1883/home/ada%40x.org/t", "ssh://me@pi:2222/home/a%40b/log.csv"]
+ADDRESSES += ["ssh://pi/home/a@b/log.csv", "file:/tmp/a:b@c/log.csv", "file:///tmp/a:b@c.csv"]
 TYPED = {
     "serial:/dev/ttyACM0@9600": ("/dev/ttyACM0", 9600),
     "serial:/dev/ttyACM0": ("/dev/ttyACM0", 115200),
@@ -24,15 +27,7 @@ TYPED = {
     "COM3@9600": ("COM3", 9600),
     " serial:COM12@250000 ": ("COM12", 250000),
     "SERIAL:COM3@1": ("COM3", 1),
-    "socket://192.168.1.20:3333": ("socket://192.168.1.20:3333", 115200),
-    "UDP://[::1]:47269": ("UDP://[::1]:47269", 115200),
-    "udp://:47269": ("udp://:47269", 115200),
-    "mqtt://ada@[::1]:1883/home/ada%40x.org/t": ("mqtt://ada@[::1]:1883/home/ada%40x.org/t", 115200),
-    "mqtt://broker/ada@x.org/t": ("mqtt://broker/ada@x.org/t", 115200),
-    "ssh://me@pi:2222/home/a%40b/log.csv": ("ssh://me@pi:2222/home/a%40b/log.csv", 115200),
-    "ssh://pi/home/a@b/log.csv": ("ssh://pi/home/a@b/log.csv", 115200),
-    "file:/tmp/a:b@c/log.csv": ("file:/tmp/a:b@c/log.csv", 115200),
-    "file:///tmp/a:b@c.csv": ("file:///tmp/a:b@c.csv", 115200),
+    **{address: (address, 115200) for address in ADDRESSES},
 }
 
 

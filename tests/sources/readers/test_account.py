@@ -10,32 +10,24 @@ from kalscope.cli.tune_answer import finite
 from kalscope.common.text import THIN_SPACE
 from kalscope.errors import BadFile
 from kalscope.recording import LineIssue, ReadReport, Recording
-from kalscope.sources.grammar.read_options import options_from_text
 from kalscope.sources.reading.account import account, as_plain, summary, warnings
-from kalscope.sources.reading.recording_file import read_recording
 
 ROWS = [f"{i / 50:.2f},{20 + i % 3},{i % 5}" for i in range(200)]
 
 
-@pytest.fixture
-def read(tmp_path):
-    def read_lines(lines, **options):
-        path = tmp_path / "log.csv"
-        path.write_text("\n".join(["t,temp,dist", *lines, ""]))
-        return read_recording(path, options_from_text(**options))
-
-    return read_lines
+def table(lines):
+    return "\n".join(["t,temp,dist", *lines, ""])
 
 
 def test_a_clean_file_is_summed_up_in_one_line_with_its_many_comments(read):
-    assert summary(read(["# a remark", *ROWS])) == "200 rows, 2 channels, 50.0 Hz"
-    assert summary(read([*["# a remark"] * 9, *ROWS])).endswith("50.0 Hz; 9 comment and text lines")
-    assert warnings(read(ROWS)) == ()
+    assert summary(read(table(["# a remark", *ROWS]))) == "200 rows, 2 channels, 50.0 Hz"
+    assert summary(read(table([*["# a remark"] * 9, *ROWS]))).endswith("50.0 Hz; 9 comment and text lines")
+    assert warnings(read(table(ROWS))) == ()
 
 
 def test_more_than_two_percent_of_rejected_lines_are_a_warning(read):
-    few = read([*ROWS, *["status ok,1"] * 4])
-    many = read([*ROWS[:100], *["status ok,1"] * 5, *ROWS[100:]])
+    few = read(table([*ROWS, *["status ok,1"] * 4]))
+    many = read(table([*ROWS[:100], *["status ok,1"] * 5, *ROWS[100:]]))
     assert warnings(few) == ()
     (said,) = warnings(many)
     assert said.startswith("2.4 % of the lines were rejected, the first is line 102: must have 3 fields (got 2)")
@@ -45,7 +37,7 @@ def test_more_than_two_percent_of_rejected_lines_are_a_warning(read):
 
 def test_many_cells_without_a_number_are_a_warning(read):
     spoilt = [row if i % 10 else row[: row.rindex(",")] + f",E{i}x" for i, row in enumerate(ROWS)]
-    recording = read(spoilt)
+    recording = read(table(spoilt))
     assert "; 20 cells without a number" in summary(recording)
     (said,) = warnings(recording)
     assert said.startswith('5.0 % of the cells are not numbers, the first is line 2, "dist": must be a number')
@@ -53,7 +45,7 @@ def test_many_cells_without_a_number_are_a_warning(read):
 
 
 def test_the_account_goes_into_json_whole(read):
-    recording = read([*ROWS[:9], "x", *ROWS[9:]], delimiter="comma", missing=["-200"])
+    recording = read(table([*ROWS[:9], "x", *ROWS[9:]]), delimiter=",", missing=(-200.0,))
     plain = json.loads(json.dumps(finite(as_plain(recording)), allow_nan=False))
     assert plain["summary"] == summary(recording)
     assert (plain["lines"], plain["rows"], plain["rejected"], plain["headers"]) == (202, 200, 1, 1)
@@ -103,11 +95,9 @@ REFUSED = {
 
 
 @pytest.mark.parametrize(("text", "said"), REFUSED.values(), ids=REFUSED)
-def test_a_refusal_says_where_and_what_to_try(tmp_path, text, said):
-    path = tmp_path / "log.csv"
-    path.write_text(text, encoding="utf-8", newline="")
+def test_a_refusal_says_where_and_what_to_try(read, text, said):
     with pytest.raises(BadFile) as refused:
-        read_recording(path)
+        read(text)
     message = str(refused.value)
     assert message.startswith("log.csv must ")
     assert "(got" in message
@@ -116,16 +106,13 @@ def test_a_refusal_says_where_and_what_to_try(tmp_path, text, said):
     assert len(message) < 400
 
 
-def test_options_that_leave_no_table_are_named(tmp_path):
-    path = tmp_path / "log.csv"
-    path.write_text("".join(f"{i};{i % 3}.5;x\n" for i in range(50)))
-    read_recording(path)
+def test_options_that_leave_no_table_are_named(read):
+    text = "".join(f"{i};{i % 3}.5;x\n" for i in range(50))
+    read(text)
     with pytest.raises(BadFile, match=r"leave out --delimiter bar"):
-        read_recording(path, options_from_text(delimiter="bar"))
+        read(text, delimiter="|")
 
 
-def test_a_head_that_promised_more_than_the_lines_hold_names_the_first(tmp_path):
-    path = tmp_path / "log.csv"
-    path.write_text("1,2*00\n3,4*00\n5,6*00\n" * 20)
+def test_a_head_that_promised_more_than_the_lines_hold_names_the_first(read):
     with pytest.raises(BadFile, match=r"60 rejected lines, line 1: must end with the checksum .* '1,2\*00'"):
-        read_recording(path)
+        read("1,2*00\n3,4*00\n5,6*00\n" * 20)
