@@ -6,7 +6,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from kalscope.sources.reading.preface import Preface, find_preface
-from kalscope.sources.reading.recording_file import read_recording
 
 N = 60
 T = np.arange(N)
@@ -83,11 +82,9 @@ CASES = [
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("name", "copied"), CASES)
-def test_a_whole_file_as_it_is_or_copied_by_a_script(name, copied, tmp_path):
+def test_a_whole_file_as_it_is_or_copied_by_a_script(name, copied, read):
     text, names, units, period = FILES[name]
-    path = tmp_path / "file.csv"
-    path.write_bytes(("\n".join(COPIED[copied](text)) + "\n").encode())
-    recording = read_recording(path)
+    recording = read("\n".join(COPIED[copied](text)) + "\n")
     assert (recording.names, recording.units, recording.report.rejected) == (words(names), words(units), 0)
     assert recording.values[:, int(name == "campbell")] == pytest.approx(A)
     assert recording.sample_period == pytest.approx(period, rel=1e-6)

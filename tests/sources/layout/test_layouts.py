@@ -5,7 +5,6 @@ from datetime import datetime, timedelta
 import numpy as np
 import pytest
 
-from kalscope import read_recording
 from kalscope.errors import BadSetting
 from kalscope.sources.reading.columns import named_column
 
@@ -150,8 +149,6 @@ def test_a_unit_stands_in_brackets_or_as_a_clear_suffix(text, name, unit):
         ("count", 1, ("count",)),  # all there is
     ],
 )
-def test_a_column_that_numbers_the_rows_is_no_channel(tmp_path, header, step, names):
-    file = tmp_path / "log.csv"
+def test_a_column_that_numbers_the_rows_is_no_channel(read, header, step, names):
     cells = [[str(step * i), str((7 * i) % 5)][: header.count(",") + 1] for i in range(20)]
-    file.write_text("\n".join([header, *map(",".join, cells)]) + "\n")
-    assert read_recording(file).names == names
+    assert read("\n".join([header, *map(",".join, cells), ""])).names == names

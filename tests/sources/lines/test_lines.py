@@ -13,7 +13,6 @@ from kalscope.sources.grammar.line_format import MAX_VALUES, find_labels
 from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
 from kalscope.sources.reading import line_parser
 from kalscope.sources.reading.line_parser import MAX_LINE_BYTES, LineParser
-from kalscope.sources.reading.recording_file import read_recording
 
 
 @pytest.mark.parametrize(
@@ -214,10 +213,8 @@ def test_any_bytes_in_any_pieces_are_the_same_events(data, cuts):
 
 
 @pytest.mark.parametrize("data", STREAMS.values(), ids=STREAMS)
-def test_a_stream_means_what_the_file_means(tmp_path, data):
-    path = tmp_path / "log.txt"
-    path.write_bytes(data)
-    recording = read_recording(path)
+def test_a_stream_means_what_the_file_means(read, data):
+    recording = read(data)
     parser, events = events_of(data)
     # The caller leaves the gap of a rejected line, as the file reader does.
     gap = () if parser.layout.time else ((NAN,) * len(parser.layout.columns),)

@@ -190,14 +190,12 @@ def test_a_log_that_will_not_fit_into_memory_is_refused_by_its_first_part(tmp_pa
     assert max(seen) < 0.5
 
 
-def test_a_header_far_below_a_long_preamble_names_the_columns(tmp_path):
+def test_a_header_far_below_a_long_preamble_names_the_columns(read):
     """As a log of PuTTY with carriage returns only: line numbers below the head are not those of the file."""
     rows = [f"{i},{20 + i % 7}" for i in range(20_000)]
     above = ["=~=~=~=~= PuTTY log 2020.01.01 12:00:00 =~=~=~=~=", "boot,1", "wifi,2", "ERR,5", "up,3"]
     above += ["# no sensor"] * (len("\r".join(rows)) // len("# no sensor\r"))
-    path = tmp_path / "putty.log"
-    path.write_bytes("\r".join([*above, "millis,temp", *rows, ""]).encode())
-    recording = read_recording(path)
+    recording = read("\r".join([*above, "millis,temp", *rows, ""]))
     assert recording.names == ("temp",)
     assert len(recording) == 20_000
     assert f"names from line {len(above) + 1}" in recording.report.notes
@@ -238,27 +236,23 @@ def test_leaving_a_file_early_does_not_wait_for_its_hash(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("at", ["_sha256", "plain_lines", "find_encoding"])
-def test_a_drive_that_is_pulled_out_is_a_refusal(tmp_path, monkeypatch, at):
+def test_a_drive_that_is_pulled_out_is_a_refusal(read, monkeypatch, at):
     def fail(*_):
         raise OSError(5, "Input/output error")
 
-    path = tmp_path / "log.csv"
-    path.write_text("\x1b[0m" + TEXT)
     monkeypatch.setattr(text_file if at == "_sha256" else recording_file, at, fail)
     with pytest.raises(BadFile, match=r"reading .* failed midway: .*Input/output error"):
-        read_recording(path)
+        read("\x1b[0m" + TEXT)
 
 
 @pytest.mark.parametrize(
     "middle", [b"9" * 5000, b"\0" * 5000, b"1," * 2500, b"1.5"], ids=["digits", "nul", "cells", "row"]
 )
-def test_an_endless_line_costs_its_beginning_and_nothing_else(tmp_path, monkeypatch, middle):
+def test_an_endless_line_costs_its_beginning_and_nothing_else(read, monkeypatch, middle):
     monkeypatch.setattr(text_file, "MAX_LINE", 1000)
     monkeypatch.setattr(csv_rows, "BLOCK_SIZE", 100)
     rows = b"".join(b"%d,%d\n" % (i, i * i % 7) for i in range(300))
-    path = tmp_path / "log.csv"
-    path.write_bytes(b"t,x\n" + rows + b"300," + middle + b"\n" + rows.replace(b",", b"00,"))
-    recording = read_recording(path)
+    recording = read(b"t,x\n" + rows + b"300," + middle + b"\n" + rows.replace(b",", b"00,"))
     assert np.count_nonzero(np.isfinite(recording.channel("x"))) == 600 + (middle == b"1.5")
     report = recording.report
     assert report.rejected + report.bad_cells == (middle != b"1.5")
