@@ -382,7 +382,8 @@ def measure(source: LiveSource, channel: str | None, seconds: float, progress: P
     try:
         replies = source.commands.send(command, timeout, is_reply=is_last, check=wait)
     except Cancelled:
-        raise Cancelled(_cancel(source, number, [answer for answer, _ in answers.values()])) from None
+        measured = [name for name, (answer, _) in answers.items() if isinstance(answer, Calibrated)]
+        raise Cancelled(_cancel(source, number, measured)) from None
     if any(map(is_refusal, replies)):
         raise BadDevice(CANNOT)
     return tuple(
@@ -390,13 +391,24 @@ def measure(source: LiveSource, channel: str | None, seconds: float, progress: P
     )
 
 
-def _cancel(source: LiveSource, number: int | None, answers: list[Calibrated | NotCalibrated]) -> str:
-    """Cancel the measurement on the board; returns which values the board then uses, in words."""
+def _cancel(source: LiveSource, number: int | None, measured: list[str]) -> str:
+    """Cancel the measurement on the board; returns which values the board then uses, in words.
+
+    Args:
+        source: The board.
+        number: As for `calibration_command`.
+        measured: Channels that it has measured; it may say so of others before it obeys.
+    """
+
+    def confirms(remark: Remark) -> bool:
+        if isinstance(answer := read_calibration(remark), Calibrated):
+            measured.append(answer.name)
+        return not isinstance(answer, Calibrated)
+
     try:
-        source.send(calibration_command(None, number), _CANCEL_S)
+        source.commands.send(calibration_command(None, number), _CANCEL_S, is_reply=confirms)
     except BadDevice:
         return f"{_CANCELLED}, but the board did not confirm it: it may still use what it measures. Reset it"
-    measured = [answer.name for answer in answers if isinstance(answer, Calibrated)]
     if measured:
         return f"{_CANCELLED}, but the board already uses what it measured of {', '.join(measured)}"
     return f"{_CANCELLED}: the board keeps its values"
