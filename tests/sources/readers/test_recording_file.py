@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from waiting import PATIENCE
 
 from kalscope.common import files
 from kalscope.common.progress import Progress
@@ -227,9 +228,9 @@ def test_what_is_no_text_is_named(read, data, what):
 
 
 def test_leaving_a_file_early_does_not_wait_for_its_hash(tmp_path, monkeypatch):
-    path = tmp_path / "log.csv"
-    path.write_bytes(TEXT.encode() + bytes(1 << 21))
-    monkeypatch.setattr(text_file, "_CHUNK", 1)
+    path, read_hash = tmp_path / "log.csv", text_file._sha256
+    path.write_text(TEXT)
+    monkeypatch.setattr(text_file, "_sha256", lambda path, left: left.wait(PATIENCE) and read_hash(path, left))
     with open_raw(path, Progress()) as raw:
         pass
     assert isinstance(raw.digest.exception(), Cancelled)
