@@ -336,21 +336,16 @@ SIZES = {
     "left": LEFT_WIDTH + 10,  # px, with the edges that viser adds to both panels
     "withMap": RIGHT_WIDTH,
     "withoutMap": RIGHT_WIDTH_WITHOUT_MAP,
-    "mapFrom": 1100,  # px; a narrower window has no map
     "minMap": 300,  # px
-    "mapShare": 0.38,  # of the width beside the control panel, at most
-    "mapShape": 0.5,  # width : height at most
     "noMap": 120,  # px of canvas that viser keeps in any case
     "height": WINDOW_HEIGHT,
     "minHeight": CHROME_HEIGHT + 538,  # px; lower windows scroll
     "mapPicture": MAP_PICTURE,
     "mapPresent": MAP_PRESENT,
     "mapPointed": MAP_POINTED,
-    "mapGrip": 0.04,  # of the picture's width: nearer to the mark a drag grabs it; from farther away the mark jumps
     "leads": LEADS,
     "copyButton": COPY_BUTTON,
     "textBoxes": TEXT_BOXES,
-    "typingPause": 900,  # ms without a key after which a complete number counts without Enter
 }
 
 

@@ -25,6 +25,7 @@ rules.textContent = `
   .kalscope-no-map .kalscope-map > div { display: none; }
 }`;
 
+const mapGrip = 0.04; // of the picture's width: nearer to the mark a drag grabs it; from farther away the mark jumps
 const map = document.createElement("div");
 const sheet = map.appendChild(document.createElement("div"));
 const picture = sheet.appendChild(new Image());
@@ -83,7 +84,7 @@ const place = ({ clientX, clientY }) => {
 const grip = ([x, y]) => {
   const { offsetWidth, offsetHeight } = sheet;
   const away = [present[0] - x, present[1] - y];
-  return Math.hypot(away[0] * offsetWidth, away[1] * offsetHeight) <= sizes.mapGrip * offsetWidth ? away : [0, 0];
+  return Math.hypot(away[0] * offsetWidth, away[1] * offsetHeight) <= mapGrip * offsetWidth ? away : [0, 0];
 };
 
 const drag = () => {

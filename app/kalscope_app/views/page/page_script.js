@@ -1,6 +1,9 @@
 // Fits viser's messages to this window, and writes the numbers under the mouse; see window.py, which defines
 // `sizes` before this text.
 
+const mapFrom = 1100; // px; a narrower window has no map
+const mapShare = 0.38; // of the width beside the control panel, at most
+const mapShape = 0.5; // width : height at most
 const phone = matchMedia(sizes.phoneWidth);
 const charts = new Map(); // uuid -> height and share of the window, as sent by the server
 const phoneCheckboxes = new Set();
@@ -13,8 +16,8 @@ let send = () => {};
 
 const rightWidth = () => {
   const free = innerWidth - sizes.left;
-  const map = Math.round(Math.min(sizes.mapShape * innerHeight, Math.max(sizes.minMap, sizes.mapShare * free)));
-  const shown = rightPanel.width === sizes.withMap && innerWidth >= sizes.mapFrom;
+  const map = Math.round(Math.min(mapShape * innerHeight, Math.max(sizes.minMap, mapShare * free)));
+  const shown = rightPanel.width === sizes.withMap && innerWidth >= mapFrom;
   document.documentElement.classList.toggle("kalscope-no-map", !shown);
   return Math.max(300, free - (shown ? map : sizes.noMap));
 };

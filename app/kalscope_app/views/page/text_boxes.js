@@ -6,6 +6,7 @@
 // typed, and then it is not overwritten and nothing is sent, or it has been sent, and then the box shows the value of
 // the server. The server answers every text that is sent, so the last message about a box contains its value.
 
+const typingPause = 900; // ms without a key after which a complete number counts without Enter
 const boxes = new Map(); // uuid -> what is known about a text box
 const menus = new Map(); // uuid -> a menu that has a text box: its label, its options, and what was typed into it
 const number = /^\s*[-+−]?(\d+[.,]?\d*|[.,]\d+)(e[-+]?\d+)?\s*$/i;
@@ -60,7 +61,7 @@ addEventListener(
     box.written.forEach((updates) => delete updates.value); // viser may not have drawn them yet
     box.written = [];
     clearTimeout(box.timer);
-    if (number.test(box.typed)) box.timer = setTimeout(() => submit(box, box.typed), sizes.typingPause);
+    if (number.test(box.typed)) box.timer = setTimeout(() => submit(box, box.typed), typingPause);
   },
   true,
 );
