@@ -20,19 +20,8 @@ from kalscope_app.session.session import Session
 from kalscope_app.session.state import LINKS, State
 from kalscope_app.studies.checks import Allan, Spectra
 from kalscope_app.studies.comparisons import HALF_LANE, MAX_LANES, Compared, Lane, Overview
-from kalscope_app.views.charts import (
-    Chart,
-    ChartLine,
-    Scale,
-    dots,
-    gappy,
-    line,
-    marks,
-    palette_of,
-    scale_for,
-    short,
-    time_axis,
-)
+from kalscope_app.views import charts
+from kalscope_app.views.charts import Chart, ChartLine, Scale, palette_of, short, time_axis
 from kalscope_app.views.export import show_files
 from kalscope_app.views.widgets import add_button, bind, capitalised, escape_markdown, offer, put, table_of
 from kalscope_app.views.window import EXPORT_BUTTON
@@ -122,16 +111,16 @@ class AlternativesView:
     def _draw(self, compared: Compared) -> None:
         state, inside, palette = compared.state, compared.inside, palette_of(compared.state)
         axis, raw = time_axis(compared.drawn.time[inside], state), compared.drawn.raw[inside]
-        scale = scale_for(raw, state.tuning.unit)
-        lines = [*gappy("raw", raw, palette.raw)]
+        scale = charts.scale_for(raw, state.tuning.unit)
+        lines = [*charts.gappy("raw", raw, palette.raw)]
         if compared.drawn.truth is not None:
-            lines.append(line(compared.drawn.truth[inside], "truth", palette.truth, 1.5, dash=(6, 4)))
+            lines.append(charts.line(compared.drawn.truth[inside], "truth", palette.truth, 1.5, dash=(6, 4)))
         present = compared.curve(compared.found.present)
-        lines.append(line(present, "yours", palette.filtered, 2.5, scaled=False))
+        lines.append(charts.line(present, "yours", palette.filtered, 2.5, scaled=False))
         colours = dict(zip(NAMES, palette.alternatives, strict=True))
         for one in compared.alternatives:
             colour = colours.get(one.name, palette.truth)
-            lines.append(line(compared.curve(one), one.name, colour, 1.5, scaled=False))
+            lines.append(charts.line(compared.curve(one), one.name, colour, 1.5, scaled=False))
         label, view = scale.label(short(state.channel, 14)), state.view.resets
         self._chart.draw(axis.x, lines, axis.label, label, factor=scale.factor, view=view)
 
@@ -247,8 +236,8 @@ def lanes_of(overview: Overview) -> list[ChartLine]:
     state, palette, lines = overview.state, palette_of(overview.state), list[ChartLine]()
     for i, lane in enumerate(overview.lanes, 1):
         width = 3 if state.measured == (lane.name,) else 2
-        lines += gappy(f"{i} raw", i - HALF_LANE * lane.raw, palette.raw)[:1]
-        lines.append(line(i - HALF_LANE * lane.filtered, f"{i}", palette.filtered, width))
+        lines += charts.gappy(f"{i} raw", i - HALF_LANE * lane.raw, palette.raw)[:1]
+        lines.append(charts.line(i - HALF_LANE * lane.filtered, f"{i}", palette.filtered, width))
     return lines
 
 
@@ -321,17 +310,17 @@ class SpectrumView:
 
         names = (("raw", palette.raw), ("filtered", palette.filtered), ("removed", palette.innovation))
         low, high, ys = floored(spectra.densities)
-        lines = [line(y, name, colour, 2) for y, (name, colour) in zip(ys, names, strict=True)]
+        lines = [charts.line(y, name, colour, 2) for y, (name, colour) in zip(ys, names, strict=True)]
         density = f"density ({squared(state.tuning.unit)}{per})"
         reach = float(fine[0]), float(fine[-1])  # as the response, which a low cut-off makes longer
         x, ends = spectra.frequency, (low, high)
         self._density.draw(x, lines, label, density, view=view, reach=reach, y_range=ends, log="xy")
 
         cut = np.where(fine == found.cutoff, spectra.response_db, np.nan)
-        response = line(spectra.response_db, "response (dB)", palette.filtered, 2)
+        response = charts.line(spectra.response_db, "response (dB)", palette.filtered, 2)
         lowest, highest = float(spectra.response_db.min()), float(spectra.response_db.max())
         ends = min(-6.0, 5.0 * math.floor(lowest / 5.0)), max(2.0, math.ceil(highest + 0.5))
-        lines = [response, dots(cut, "−3 dB", palette.truth, 11)]
+        lines = [response, charts.dots(cut, "−3 dB", palette.truth, 11)]
         self._response.draw(fine, lines, label, "response (dB)", view=view, y_range=ends, log="x")
 
 
@@ -359,11 +348,11 @@ class AllanView:
         lowest = np.where(np.arange(len(found.size)) == best, found.model, np.nan)
         below, above = (np.clip(found.deviation + sign * 2.0 * found.spread, low, high) for sign in (-1.0, 1.0))
         lines = [
-            line(below, "−2 σ"),
-            line(above, "+2 σ", fill=palette.truth + palette.band),
-            line(deviation, "recording", palette.truth, 2, points=marks(palette.truth, 6)),
-            line(model, "model", palette.filtered, 2),
-            dots(lowest, "minimum of the model", palette.filtered, 13),
+            charts.line(below, "−2 σ"),
+            charts.line(above, "+2 σ", fill=palette.truth + palette.band),
+            charts.line(deviation, "recording", palette.truth, 2, points=charts.marks(palette.truth, 6)),
+            charts.line(model, "model", palette.filtered, 2),
+            charts.dots(lowest, "minimum of the model", palette.filtered, 13),
         ]
         label = Scale(1.0, state.tuning.unit[:16]).label("Allan deviation")
         ends, view = (low, high), state.view.resets

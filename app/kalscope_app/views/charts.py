@@ -9,13 +9,9 @@ from typing import Any, TypeVar
 
 import numpy as np
 import viser
-from numpy.typing import NDArray
 
 from kalscope.common.numbers import Array
 from kalscope.common.text import TIME_UNITS, number, trimmed
-from kalscope.filtering.steady import steady_state
-from kalscope_app.engine.filter_runs import Cache, DrawnSamples, choose_indices
-from kalscope_app.engine.frame import Frame
 from kalscope_app.session.state import State
 from kalscope_app.views.widgets import put
 from kalscope_app.views.window import height_of
@@ -220,38 +216,6 @@ def gappy(label: str, y: Array, colour: str, quiet: int = 0) -> tuple[ChartLine,
     return dots(y, label, colour, 3), line(y, f"last {label}")
 
 
-def raw_lines(shown: DrawnSamples, palette: Palette) -> tuple[ChartLine, ...]:
-    """The measurements: a line, points where some are missing, or the edges of a band where they are dense."""
-    if shown.band is None:
-        return gappy("raw", shown.raw, palette.raw)
-    low, high = shown.band
-    top = line(high, "raw max", palette.raw, 0.5, fill=f"{palette.raw}57")
-    return line(low, "raw min", palette.raw, 0.5), top
-
-
-def sensor_lines(frame: Frame, palette: Palette, *, raw: bool) -> list[ChartLine]:
-    """A line for each of the sensors that are fused, in its colour: readings, or their differences."""
-    lines: list[ChartLine] = []
-    for one in frame.sensors:
-        y, colour = one.raw if raw else one.difference, palette.sensors[one.colour % len(palette.sensors)]
-        lines += gappy(short(one.name, 20), y, colour)
-    return lines
-
-
-def lag_line(frame: Frame, palette: Palette) -> ChartLine:
-    """A level line as long as the lag, up to the filtered signal at its steepest rise; NaN where it is tiny."""
-    time, x = frame.drawn.time, frame.filtered
-    steady = frame.steady if frame.state.tuning.fast is None else steady_state(frame.state.params.moving)
-    lag = float(steady.lag_samples) * (frame.state.recording.sample_period or 1.0)
-    y = np.full(len(x), np.nan)
-    if len(x) > 1 and 0.005 * (time[-1] - time[0]) < lag < 0.5 * (time[-1] - time[0]):
-        begin = np.searchsorted(time, time - lag)
-        rise = np.nan_to_num(np.where(time - lag < time[0], np.nan, x - x[begin]), nan=-math.inf)
-        end = int(np.argmax(rise))
-        y[begin[end] : end + 1] = x[end]
-    return line(y, "lag", palette.ink, 3, scaled=False, gaps=True)
-
-
 def short(name: str, limit: int) -> str:
     """A name cut to a length that fits beside an axis."""
     return name if len(name) <= limit else f"{name[: limit - 1]}…"
@@ -450,30 +414,3 @@ def rounded_up(value: float) -> float:
     """The next of 1, 2, 5 × 10^k, so that a growing axis changes only now and then."""
     decade = 10.0 ** math.floor(math.log10(max(value, 1e-3)))
     return next(step * decade for step in (1.0, 2.0, 5.0, 10.0) if step * decade >= value)
-
-
-# Fewer points for a chart that is drawn at every step of a control that moves.
-#
-# They are some of those that are drawn once it has stopped, the first and the last among them: neither the axes nor
-# the raw signal move when the others follow.
-
-
-MAX_MOVING_POINTS = 2000
-"""Points of a line while a control moves, at most: about two to each pixel of a wide chart."""
-
-
-def places_to_keep(frame: Frame, kept: Cache[NDArray[np.intp]]) -> NDArray[np.intp] | None:
-    """Indices of the points to draw among those of the frame; None: all, where single samples are visible.
-
-    Ascending: the first, last, highest and lowest, and those that keep the shape of raw signal and truth; `kept`
-    has those of the last frame, which are chosen once for each view of the recording.
-    """
-    drawn = frame.drawn
-    if drawn.band is None or frame.set_aside is not None or len(drawn.indices) <= MAX_MOVING_POINTS:
-        return None
-
-    def choose() -> NDArray[np.intp]:
-        chosen = choose_indices(drawn.raw, drawn.truth, MAX_MOVING_POINTS - 2)
-        return np.union1d(chosen, (drawn.raw.argmin(), drawn.raw.argmax())).astype(np.intp)
-
-    return kept.once(choose, drawn)

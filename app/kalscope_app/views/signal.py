@@ -13,32 +13,15 @@ from numpy.typing import NDArray
 
 from kalscope.common.numbers import Array
 from kalscope.common.text import count, number
+from kalscope.filtering.steady import steady_state
 from kalscope.sources.reading.account import warnings
-from kalscope_app.engine.filter_runs import Cache
+from kalscope_app.engine.filter_runs import Cache, DrawnSamples, choose_indices
 from kalscope_app.engine.frame import Frame
 from kalscope_app.session import changes
 from kalscope_app.session.session import Session
 from kalscope_app.session.state import Live
-from kalscope_app.views.charts import (
-    Chart,
-    ChartLine,
-    Ends,
-    Scale,
-    band,
-    gappy,
-    lag_line,
-    line,
-    palette_of,
-    places_to_keep,
-    range_text,
-    raw_lines,
-    rings,
-    scale_for,
-    sensor_lines,
-    short,
-    time_axis,
-    time_scale_for,
-)
+from kalscope_app.views import charts
+from kalscope_app.views.charts import Chart, ChartLine, Ends, Palette, Scale, palette_of, short, time_axis
 from kalscope_app.views.widgets import bind, escape_markdown, on_user, put
 from kalscope_app.views.window import HEADING, ONE_BUTTON, ZOOM_SLIDER, height_of
 
@@ -110,7 +93,7 @@ class WindowView:
             return  # a slider that moves is hard to grab
         self._moved_at = time.monotonic()
         begin, end = frame.drawn.time_range
-        self._scale = time_scale_for(end - begin, frame.state.recording.sample_period)
+        self._scale = charts.time_scale_for(end - begin, frame.state.recording.sample_period)
         low, high = begin * self._scale.factor, end * self._scale.factor
         high = high if high > low else low + 1.0
         if frame.serial < self._serial:
@@ -154,7 +137,7 @@ class SignalView:
         state = frame.state
         third = frame.velocity is not None or frame.moving is not None or (state.view.gain_shown and state.has_gain)
         self._share_height(3 if third else 2, self._height_above(frame))
-        scale = scale_for(frame.drawn.raw, state.tuning.unit)
+        scale = charts.scale_for(frame.drawn.raw, state.tuning.unit)
         places = places_to_keep(frame, self._kept) if thinned else None
         label = scale.label(short(state.tuning.name, 30))
         self._draw(self.signal, frame, signal_lines(frame), label, scale, places)
@@ -164,19 +147,18 @@ class SignalView:
         state, palette = frame.state, palette_of(frame.state)
         put(self._heading, content=(HEADING if state.live is not None else "") + heading_of(frame))
         name, lines = innovation_lines(frame)
-        scale = scale_for(np.concatenate([one.y for one in lines]), state.tuning.unit)
+        scale = charts.scale_for(np.concatenate([one.y for one in lines]), state.tuning.unit)
         label = scale.label(name)  # with the unit where there is room
         self._draw(self.innovation, frame, lines, label if len(label) <= MAX_LABEL_LETTERS else name, scale)
         if frame.velocity is not None and frame.velocity_spread is not None:
-            unit = (
-                f"{state.tuning.unit or 'unit'}{' per sample' if state.recording.sample_period is None else '/s'}"
-            )
-            scale = scale_for(frame.velocity, unit)
-            edges = band(frame.velocity, frame.velocity_spread, "2σ", palette.gain + palette.band)
-            middle = line(frame.velocity, scale.label("velocity"), palette.gain, 2)  # the unit is in the legend
+            per = " per sample" if state.recording.sample_period is None else "/s"
+            scale = charts.scale_for(frame.velocity, f"{state.tuning.unit or 'unit'}{per}")
+            edges = charts.band(frame.velocity, frame.velocity_spread, "2σ", palette.gain + palette.band)
+            name = scale.label("velocity")  # the unit is in the legend
+            middle = charts.line(frame.velocity, name, palette.gain, 2)
             self._draw(self.velocity, frame, [*edges, middle], "velocity", scale)
         elif frame.moving is not None:
-            strip = line(frame.moving, "probability of moving", palette.gain, 2)
+            strip = charts.line(frame.moving, "probability of moving", palette.gain, 2)
             self._draw(self.velocity, frame, [strip], "moving", Scale(1.0, ""), y_range=(0.0, 1.0))
         else:
             self.velocity.hide()
@@ -188,7 +170,7 @@ class SignalView:
     def _draw_gain(self, frame: Frame) -> None:
         top = float(frame.gain.max(initial=0.0))
         ends = 0.0, next((level for level in GAIN_LEVELS if top <= level), 1.0)
-        lines = [line(frame.gain, "gain K", palette_of(frame.state).gain, 2)]
+        lines = [charts.line(frame.gain, "gain K", palette_of(frame.state).gain, 2)]
         self.gain.draw(frame.gain_samples, lines, "samples since start", "gain K", y_range=ends)
 
     def _height_above(self, frame: Frame) -> int:
@@ -232,22 +214,22 @@ def signal_lines(frame: Frame) -> list[ChartLine]:
     shown, state, palette = frame.drawn, frame.state, palette_of(frame.state)
     lines = [*(sensor_lines(frame, palette, raw=True) or raw_lines(shown, palette))]
     if state.tuning.chain is None:  # the error of a chain is not known
-        lines += band(frame.filtered, frame.spread, "2√p", palette.filtered + palette.band)
+        lines += charts.band(frame.filtered, frame.spread, "2√p", palette.filtered + palette.band)
     for variant, curve in zip(state.variants, frame.variants, strict=False):
-        lines.append(line(curve, variant.name, variant.css(dark=state.view.dark), 1.5, scaled=False))
+        lines.append(charts.line(curve, variant.name, variant.css(dark=state.view.dark), 1.5, scaled=False))
     name = "fused" if frame.sensors else "filtered"
-    lines.append(line(frame.filtered, name, palette.filtered, 2.5, scaled=False))
+    lines.append(charts.line(frame.filtered, name, palette.filtered, 2.5, scaled=False))
     if shown.truth is not None:
-        lines.append(line(shown.truth, "truth", palette.truth, 1.5, dash=(6, 4)))
+        lines.append(charts.line(shown.truth, "truth", palette.truth, 1.5, dash=(6, 4)))
     if frame.smoothed is not None:
-        lines.append(line(frame.smoothed, "smoother", palette.smoothed, 1.5))
+        lines.append(charts.line(frame.smoothed, "smoother", palette.smoothed, 1.5))
     if frame.board is not None:
-        lines.append(line(frame.board, "board's filter", palette.board, 1.5, dash=(3, 3)))
+        lines.append(charts.line(frame.board, "board's filter", palette.board, 1.5, dash=(3, 3)))
     if frame.set_aside is not None and state.set_aside is not None:
         name = f"set aside ({count(int(state.set_aside.sum()))})"
-        lines.append(rings(frame.set_aside, name, palette.innovation, 9))
+        lines.append(charts.rings(frame.set_aside, name, palette.innovation, 9))
     if frame.refused is not None:  # a count here would rebuild the chart
-        lines.append(rings(frame.refused, "rejected by the gate", palette.filtered, 13))
+        lines.append(charts.rings(frame.refused, "rejected by the gate", palette.filtered, 13))
     return [*lines, lag_line(frame, palette)]  # without a lag too: a new line rebuilds the chart
 
 
@@ -261,10 +243,42 @@ def innovation_lines(frame: Frame) -> tuple[str, list[ChartLine]]:
         return "sensor − fused", sensor_lines(frame, palette, raw=False)
     if frame.state.tuning.chain is not None:
         name = "raw − filtered"
-        return name, [*gappy(name, frame.drawn.raw - frame.filtered, palette.innovation)]
+        return name, [*charts.gappy(name, frame.drawn.raw - frame.filtered, palette.innovation)]
     v, spread = without_start(frame)
-    edges = band(0.0, spread, "2√s", palette.innovation + palette.band, scaled=True)
-    return "innovation", [*edges, *gappy("innovation", v, palette.innovation, quiet=1)]
+    edges = charts.band(0.0, spread, "2√s", palette.innovation + palette.band, scaled=True)
+    return "innovation", [*edges, *charts.gappy("innovation", v, palette.innovation, quiet=1)]
+
+
+def raw_lines(shown: DrawnSamples, palette: Palette) -> tuple[ChartLine, ...]:
+    """The measurements: a line, points where some are missing, or the edges of a band where they are dense."""
+    if shown.band is None:
+        return charts.gappy("raw", shown.raw, palette.raw)
+    low, high = shown.band
+    top = charts.line(high, "raw max", palette.raw, 0.5, fill=f"{palette.raw}57")
+    return charts.line(low, "raw min", palette.raw, 0.5), top
+
+
+def sensor_lines(frame: Frame, palette: Palette, *, raw: bool) -> list[ChartLine]:
+    """A line for each of the sensors that are fused, in its colour: readings, or their differences."""
+    lines: list[ChartLine] = []
+    for one in frame.sensors:
+        y, colour = one.raw if raw else one.difference, palette.sensors[one.colour % len(palette.sensors)]
+        lines += charts.gappy(short(one.name, 20), y, colour)
+    return lines
+
+
+def lag_line(frame: Frame, palette: Palette) -> ChartLine:
+    """A level line as long as the lag, up to the filtered signal at its steepest rise; NaN where it is tiny."""
+    time, x = frame.drawn.time, frame.filtered
+    steady = frame.steady if frame.state.tuning.fast is None else steady_state(frame.state.params.moving)
+    lag = float(steady.lag_samples) * (frame.state.recording.sample_period or 1.0)
+    y = np.full(len(x), np.nan)
+    if len(x) > 1 and 0.005 * (time[-1] - time[0]) < lag < 0.5 * (time[-1] - time[0]):
+        begin = np.searchsorted(time, time - lag)
+        rise = np.nan_to_num(np.where(time - lag < time[0], np.nan, x - x[begin]), nan=-math.inf)
+        end = int(np.argmax(rise))
+        y[begin[end] : end + 1] = x[end]
+    return charts.line(y, "lag", palette.ink, 3, scaled=False, gaps=True)
 
 
 GAIN_LEVELS = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0)
@@ -276,7 +290,7 @@ def heading_of(frame: Frame) -> str:
     record, shown = frame.state.recording, frame.drawn
     waits = frame.state.live is not None and frame.state.live.waits
     axis = time_axis(frame.drawn.time, frame.state)
-    parts = [] if frame.state.live is not None else [f"{range_text(*axis.reach)} {axis.scale.unit}"]
+    parts = [] if frame.state.live is not None else [f"{charts.range_text(*axis.reach)} {axis.scale.unit}"]
     parts.append(changes.WAITING if waits else f"{count(len(record))} samples")
     if shown.missing and not waits:
         parts.append(f"{count(shown.missing)} missing")
@@ -305,3 +319,30 @@ def without_start(frame: Frame) -> tuple[Array, Array]:
     if later.any():
         limit = 1.05 * float(max(np.abs(frame.innovation[later]).max(), frame.innovation_spread[later].max()))
     return np.clip(frame.innovation, -limit, limit), np.minimum(frame.innovation_spread, limit)
+
+
+# Fewer points for a chart that is drawn at every step of a control that moves.
+#
+# They are some of those that are drawn once it has stopped, the first and the last among them: neither the axes nor
+# the raw signal move when the others follow.
+
+
+MAX_MOVING_POINTS = 2000
+"""Points of a line while a control moves, at most: about two to each pixel of a wide chart."""
+
+
+def places_to_keep(frame: Frame, kept: Cache[NDArray[np.intp]]) -> NDArray[np.intp] | None:
+    """Indices of the points to draw among those of the frame; None: all, where single samples are visible.
+
+    Ascending: the first, last, highest and lowest, and those that keep the shape of raw signal and truth; `kept`
+    has those of the last frame, which are chosen once for each view of the recording.
+    """
+    drawn = frame.drawn
+    if drawn.band is None or frame.set_aside is not None or len(drawn.indices) <= MAX_MOVING_POINTS:
+        return None
+
+    def choose() -> NDArray[np.intp]:
+        chosen = choose_indices(drawn.raw, drawn.truth, MAX_MOVING_POINTS - 2)
+        return np.union1d(chosen, (drawn.raw.argmin(), drawn.raw.argmax())).astype(np.intp)
+
+    return kept.once(choose, drawn)

@@ -17,7 +17,7 @@ from kalscope_app.engine.frame import compute_frame
 from kalscope_app.guard.server import guarded_server
 from kalscope_app.session.changes import set_text
 from kalscope_app.session.opening import opened
-from kalscope_app.views.charts import MAX_MOVING_POINTS, places_to_keep
+from kalscope_app.views.signal import MAX_MOVING_POINTS, places_to_keep
 
 FLUSH = "flush"
 
