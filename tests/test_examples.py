@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 import subprocess
 import sys
@@ -10,6 +11,8 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
+
+import kalscope
 
 ROOT = Path(__file__).parents[1]
 EXAMPLES = sorted((ROOT / "examples").glob("[0-9]*.py"))
@@ -54,3 +57,13 @@ def test_the_momentum_page_shows_what_its_example_prints(printed):
         near = [numbers for numbers in shown if expected <= {f"{float(number):.3g}" for number in numbers}]
         assert any(abs(float(number) - overshoot) <= 0.5 for numbers in near for number in numbers), row
     assert ElementTree.parse(picture).getroot().tag.endswith("svg")
+
+
+def test_the_eight_snippets_of_the_notebook_run_with_public_names():
+    cells = json.loads((ROOT / "examples/eight_snippets.ipynb").read_text("utf-8"))["cells"]
+    snippets = ["".join(cell["source"]) for cell in cells if cell["cell_type"] == "code"]
+    assert len(snippets) == 8
+    assert {*re.findall(r"kalscope\.(\w+)\(", "".join(snippets))} <= {*kalscope.__all__}
+    names = {}
+    for snippet in snippets:
+        exec(snippet, names)
