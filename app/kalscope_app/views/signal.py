@@ -148,8 +148,10 @@ class SignalView:
         put(self._heading, content=(HEADING if state.live is not None else "") + heading_of(frame))
         name, lines = innovation_lines(frame)
         scale = charts.scale_for(np.concatenate([one.y for one in lines]), state.tuning.unit)
-        label = scale.label(name)  # with the unit where there is room
-        self._draw(self.innovation, frame, lines, label if len(label) <= MAX_LABEL_LETTERS else name, scale)
+        label = scale.label(name)
+        if len(label) > MAX_LABEL_LETTERS:  # the legend has the name, too; nothing else has the power of ten
+            label = name if scale.factor == 1.0 else scale.unit[:MAX_LABEL_LETTERS]
+        self._draw(self.innovation, frame, lines, label, scale)
         if frame.velocity is not None and frame.velocity_spread is not None:
             per = " per sample" if state.recording.sample_period is None else "/s"
             scale = charts.scale_for(frame.velocity, f"{state.tuning.unit or 'unit'}{per}")

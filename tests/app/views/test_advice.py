@@ -31,6 +31,7 @@ EXAMPLES = {
     actions.EstimateAgain(): "Fit again",
     actions.AddMomentum(9.0): "Add momentum at this lag",
     actions.AddTwoSpeeds(): "Add two speeds",
+    actions.AddNotch(): "Add a notch",
     actions.SetSpikesAside(): "Set the spikes aside and fit again",
     actions.UseStillStretch(100, 301): "Use the still stretch 1 to 3 s",
     actions.GiveNoise(): "Give the noise of the sensor",

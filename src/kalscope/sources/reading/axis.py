@@ -588,7 +588,7 @@ def _about_stamps(rate: SampleRate, sure: str) -> list[str]:
         return [f"the stamps come in bursts: samples were placed evenly in time, {said}"]
     if rate.stamps == "uneven" and np.isfinite(rate.error):
         return [f"the stamps are uneven, {said}"]
-    unsteady = f"the stamps show no steady rate: the sample period, {rate.period:.6g} s, is the median step"
+    unsteady = f"the stamps show no steady rate: the sample period, {duration(rate.period)}, is the median step"
     return [unsteady] if rate.stamps == "uneven" else []
 
 
@@ -597,7 +597,7 @@ def _about_pauses(time: Array, pauses: Indices, period: float, gaps: Gaps) -> li
         return []
     found = "a gap" if pauses.size == 1 else f"{pauses.size} gaps"
     longest = float((time[pauses + 1] - time[pauses]).max())
-    said = f"time has {found}, first after sample {int(pauses[0]) + 1}, the longest {longest:.6g} s"
+    said = f"time has {found}, first after sample {int(pauses[0]) + 1}, the longest {duration(longest)}"
     missing = int(missing_rows(time, pauses, period).sum())
     rows = f"{count(missing)} {'row' if missing == 1 else 'rows'}"
     advice = f"--gaps missing (adds {rows} of missing samples) or --gaps dt (elapsed time)"
