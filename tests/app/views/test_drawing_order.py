@@ -151,3 +151,12 @@ def test_the_points_are_chosen_once_for_a_view():
     places = places_to_keep(frame, kept)
     assert places_to_keep(replace(frame, filtered=2.0 * frame.filtered), kept) is places
     assert places_to_keep(frame_of(6000), kept) is not places
+
+
+@pytest.mark.parametrize(
+    ("size", "unit", "label"), [(1.0, "counts", "innovation"), (1e-3, "", "1e-3"), (1e-3, "V", "mV")]
+)
+def test_the_axis_of_the_innovation_shows_its_unit_where_its_numbers_are_scaled(watched, size, unit, label):
+    z = 0.65 + size * np.random.default_rng(0).normal(size=(200, 1))
+    watched.turn(lambda state: opened(Recording(np.arange(200) * 0.01, ("a",), (unit,), z, 0.01), state))
+    assert watched.dashboard.signal.innovation.handle.axes[1]["label"] == label
