@@ -59,7 +59,7 @@ docs: .venv/docs.stamp
 
 # The pictures of docs, from the real dashboard. A test fails where one shows an outdated screen.
 pictures: can-test .venv/test.stamp
-	PYTHONPATH=tests/support $(BIN)/python tests/support/pictures.py
+	$(BIN)/python -m tests.browser.pictures
 
 # sdist and wheel, each installed in empty environments of every Python found and tried outside the checkout.
 packages: .venv/release.stamp
@@ -76,13 +76,12 @@ format: .venv/check.stamp
 bench: .venv/bench.stamp
 	for script in speed start_up beside_others drag; do $(BIN)/python benchmarks/$$script.py || exit 1; done
 
-# Half an hour of a live board (MINUTES=2 for a quick look), half an hour of hostile input beside one, a minute of one behind an ssh server, four minutes of floods, two of stopping, then every random test at 25 times its usual effort or more.
+# Half an hour of a live board (MINUTES=2 for a quick look), half an hour of hostile input beside one, four minutes of floods, two of stopping, then every random test at 25 times its usual effort or more.
 MINUTES ?= 30
 RANDOM_TESTS := $(shell grep -rlE "hypothesis|effort import" tests --include="test_*.py")
 soak: .venv/test.stamp
 	$(BIN)/python benchmarks/soak.py --minutes $(MINUTES)
 	$(BIN)/python benchmarks/soak_hostile.py --minutes $(MINUTES)
-	$(BIN)/python benchmarks/live.py --ssh --rate 1000
 	$(BIN)/python benchmarks/flooded.py --seconds 20 --times 4
 	$(BIN)/python benchmarks/stopping.py --quick
 	KALSCOPE_FUZZ=25 KALSCOPE_DRAG=60 $(PYTEST) -o timeout=3600 $(RANDOM_TESTS)
@@ -115,7 +114,7 @@ can-test:
 	touch $@
 
 .venv/kernels.stamp: .venv/run.stamp
-	$(BIN)/python tests/support/warm_kernels.py
+	$(BIN)/python -m tests.support.warm_kernels
 	touch $@
 
 .venv/collected.stamp: .venv/test.stamp

@@ -30,8 +30,8 @@ from pathlib import Path
 from dashboard_page import PROGRAM, Program, chromium
 from machine import rss_mb
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests/support"))
-from floods import LINES, Flood
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+from tests.support.floods import LINES, Flood
 
 LIMIT_S = 2.0
 """Longest time from SIGTERM to the end that passes, s."""

@@ -23,14 +23,14 @@ from pathlib import Path
 from dashboard_page import PROGRAM
 from machine import cpu_seconds
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests/support"))
-from attack_table import ATTACKS, Victim, seen_by
-from hostile_boards import BOARDS, send
-from hostile_case import Case
-from packed_files import PACKED
-from special_files import SPECIAL
-from text_files import TEXTS
-from wire import Guest
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+from tests.app.attack_table import ATTACKS, Victim, seen_by
+from tests.app.wire import Guest
+from tests.sources.hostile_boards import BOARDS, send
+from tests.sources.packed_files import PACKED
+from tests.sources.special_files import SPECIAL
+from tests.sources.text_files import TEXTS
+from tests.support.hostile_case import Case
 
 from kalscope.common.text import count
 
@@ -273,7 +273,7 @@ class HostileBoards:
 
 
 class WebAttacks:
-    """The attacks of tests/support/attack_table.py, one after the other."""
+    """The attacks of tests/app/attack_table.py, one after the other."""
 
     def __init__(self, victim: Victim, tally: Tally) -> None:
         self._victim, self._tally, self._number = victim, tally, 0

@@ -3,25 +3,21 @@
 A second process sends numbered lines, paced by its clock; this one takes them in as the dashboard does and looks at
 a snapshot 20 times a second. Exit status 1 where a line is missing, doubled or changed.
 
-    python benchmarks/live.py [--json] [--quick] [--seconds 60] [--rate 10000] [--channels 3] [--ssh]
+    python benchmarks/live.py [--json] [--quick] [--seconds 60] [--rate 10000] [--channels 3]
 """
 
 from __future__ import annotations
 
 import argparse
-import importlib
 import json
 import multiprocessing
 import multiprocessing.connection
 import os
 import resource
 import sys
-import tempfile
 import threading
 import time
-from contextlib import ExitStack
 from dataclasses import asdict, dataclass
-from pathlib import Path
 
 import numpy as np
 
@@ -146,16 +142,6 @@ def measure(seconds: float, rate: float, channels: int, prefix: str = "") -> Fig
     )
 
 
-def measure_by_ssh(seconds: float, rate: float, channels: int) -> Figures:
-    """One run through a real sshd of this machine."""
-    sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests/support"))
-    ssh_server = importlib.import_module("ssh_server").ssh_server
-    with ExitStack() as stack:
-        folder = stack.enter_context(tempfile.TemporaryDirectory())
-        os.environ["PATH"] = f"{stack.enter_context(ssh_server(folder)).bin}:{os.environ['PATH']}"
-        return measure(seconds, rate, channels, "ssh://pi")
-
-
 def _watch_reads(live: LiveSource) -> list[float]:
     """The times between the reads, noted as the reader hands over."""
     gaps: list[float] = []
@@ -203,12 +189,10 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=60.0)
     parser.add_argument("--rate", type=float, default=10_000.0)
     parser.add_argument("--channels", type=int, default=3)
-    parser.add_argument("--ssh", action="store_true", help="through an ssh server on this machine")
     options = parser.parse_args()
     if options.channels < 2:
         parser.error("--channels must be at least 2: number and moment of sending")
-    run = measure_by_ssh if options.ssh else measure
-    figures = run(QUICK_SECONDS if options.quick else options.seconds, options.rate, options.channels)
+    figures = measure(QUICK_SECONDS if options.quick else options.seconds, options.rate, options.channels)
     if options.json:
         print(json.dumps(asdict(figures), indent=1))
     else:

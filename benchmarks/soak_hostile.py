@@ -3,7 +3,7 @@
 A board on a pseudo-terminal sends 1,000 numbered lines a second to the real dashboard, which records them. Beside
 it the files of the tests are opened and uploaded, small and large, every fourth cancelled and each
 followed by a good one; the boards are recorded by `kalscope record`, every other one ended in the middle; and the
-attacks of tests/support/attack_table.py are carried out. Exit status 1 where a line of the good board is
+attacks of tests/app/attack_table.py are carried out. Exit status 1 where a line of the good board is
 lost, where an input has another result than it must, where memory grows by more than the samples that are kept,
 where the end takes more than 2 s, or where a process or a temporary file is left.
 
@@ -30,10 +30,10 @@ from hostile_input import END_S, HostileBoards, HostileFiles, Repeated, Tally, V
 from live_memory import MemoryLook, kept_mb, memory_of
 from machine import rss_mb
 from numbered_board import NumberedBoard, RecordedRows, soak_parser
-from program import port_of, token_of
 from soak import pause_in
 from starved import Probe
-from wire import Guest
+from tests.app.wire import Guest
+from tests.support.program import port_of, token_of
 
 ERROR = re.compile(r"^.* ERROR (?!websockets\.).*$", re.MULTILINE)
 """In the log; the server names each broken frame of the attacks."""

@@ -25,8 +25,8 @@ import psutil
 from dashboard_page import PROGRAM
 from machine import cpu_seconds
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests/support"))
-from floods import FLOODS, Flood
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+from tests.support.floods import FLOODS, Flood
 
 LIMIT_S = 2.0
 """Longest time from the signal to the end that passes, s."""

@@ -15,14 +15,14 @@ from types import ModuleType
 import numpy as np
 import pytest
 import typer
-from board_fixtures import start_board, stream_sketch, workshop
-from effort import EXAMPLES, FUZZ
 from hypothesis import settings
-from waiting import PATIENCE
 
 from kalscope.cli.app import COMMANDS
 from kalscope.export import board
 from kalscope.sources.live import source
+from tests.support.board_fixtures import start_board, stream_sketch, workshop
+from tests.support.effort import EXAMPLES, FUZZ
+from tests.support.waiting import PATIENCE
 
 __all__ = ["start_board", "stream_sketch", "workshop"]  # fixtures for every folder
 
@@ -30,13 +30,13 @@ ROOT = Path(__file__).parents[1]
 SHARED_DATA = ROOT.parent / "shared" / "data"
 
 STARTERS = {
-    "attack_table",
-    "forked",
-    "headless",
+    "tests.app.attack_table",
+    "tests.support.forked",
+    "tests.app.headless",
+    "tests.support.program",
+    "tests.app.wire",
     "kalscope_app.guard.server",
     "kalscope_app.worker.worker",
-    "program",
-    "wire",
 }
 """Modules whose functions and classes start or meet a server or the program."""
 ORDER = ["browser", "device", "server", "slow"]

@@ -9,7 +9,8 @@ import subprocess
 from pathlib import Path
 
 import pytest
-from required import not_here
+
+from tests.support.required import not_here
 
 DOCS = Path(__file__).parents[1] / "docs"
 *SENSORS, TWELVE = (DOCS / "gallery.md").read_text("utf-8").split("\n## ")[1:]

@@ -11,7 +11,8 @@ import zipfile
 from pathlib import Path
 
 import pytest
-from waiting import PATIENCE
+
+from tests.support.waiting import PATIENCE
 
 ROOT = Path(__file__).parents[1]
 

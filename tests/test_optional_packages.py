@@ -9,8 +9,8 @@ from functools import cache
 from importlib.metadata import packages_distributions
 from pathlib import Path
 
-from program import command, end, running
-from waiting import PATIENCE
+from tests.support.program import command, end, running
+from tests.support.waiting import PATIENCE
 
 FOR_DEVELOPERS = {"test", "bench", "docs", "release", "check"}
 """Extras that the program has no use for."""

@@ -8,7 +8,8 @@ import tomllib
 from pathlib import Path
 
 import yaml
-from program import end, link_of, start
+
+from tests.support.program import end, link_of, start
 
 ROOT = Path(__file__).parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-import signals
+from tests.support import signals
 
 from kalscope import BadSetting, FilterParams, estimate, kalman_filter, ratio_for, smooth, steady_state
 from kalscope.analysis.alternatives import compare_alternatives, fixed_lag

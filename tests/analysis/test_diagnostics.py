@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 import pytest
-from signals import moving
+from tests.support.signals import moving
 
 from kalscope import BadSetting, FilterParams, kalman_filter
 from kalscope.analysis.diagnostics import Diagnostics, diagnose, diagnose_held_out

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from effort import EXAMPLES
+from tests.support.effort import EXAMPLES
 
 from kalscope import FilterParams, estimate, kalman_filter, open_source
 from kalscope.analysis import actions

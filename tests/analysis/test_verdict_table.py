@@ -11,8 +11,8 @@ from functools import cache
 
 import numpy as np
 import pytest
-from effort import FUZZ
-from verdict_states import SIGNALS, STATES, VerdictState, row_of
+from tests.support.effort import FUZZ
+from tests.truth.verdict_states import SIGNALS, STATES, VerdictState, row_of
 
 from kalscope import FilterParams, kalman_filter, steady_state
 from kalscope.analysis import actions

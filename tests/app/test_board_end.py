@@ -11,10 +11,10 @@ from itertools import count
 from pathlib import Path
 
 import pytest
-from line_sender import line_sender
-from program import end, is_free, labels, port_of, running, token_of
-from waiting import wait_until
-from wire import PATIENCE, Guest
+from tests.app.wire import PATIENCE, Guest
+from tests.support.line_sender import line_sender
+from tests.support.program import end, is_free, labels, port_of, running, token_of
+from tests.support.waiting import wait_until
 
 SIGNALS = [signal.SIGINT, signal.SIGTERM, signal.SIGHUP]
 PATIENT = f"from kalscope_app import open_command\nopen_command.MAX_RECORDING_S = {PATIENCE}\n"

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from effort import FUZZ
-from headless import headless
+from tests.app.headless import headless
+from tests.support.effort import FUZZ
 
 from kalscope import Recording, open_source
 from kalscope_app.session.changes import pin_present

@@ -5,9 +5,9 @@ from __future__ import annotations
 import socket
 
 import pytest
-from program import end, link_of, start
-from required import needs
-from wire import PATIENCE
+from tests.app.wire import PATIENCE
+from tests.support.program import end, link_of, start
+from tests.support.required import needs
 
 from kalscope.cli.app import run
 from kalscope_app.main import add_dashboard

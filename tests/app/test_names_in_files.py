@@ -11,7 +11,7 @@ import tomllib
 
 import numpy as np
 import pytest
-from hostile_names import NAMES
+from tests.support.hostile_names import NAMES
 
 from kalscope import ChannelTuning, Recording, Tuning, load_tuning, save_tuning
 from kalscope.common.text import CONTROL

@@ -7,11 +7,11 @@ import sys
 from contextlib import ExitStack
 
 import pytest
-from attack_table import exchange, status
-from line_sender import line_sender
-from program import command, end, free_port, link_of, port_of, start, token_of
-from waiting import PATIENCE
-from wire import Guest
+from tests.app.attack_table import exchange, status
+from tests.app.wire import Guest
+from tests.support.line_sender import line_sender
+from tests.support.program import command, end, free_port, link_of, port_of, start, token_of
+from tests.support.waiting import PATIENCE
 
 from kalscope.cli.console import user_message
 

@@ -7,8 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from effort import FUZZ
-from headless import headless
+from tests.app.headless import headless
+from tests.support.effort import FUZZ
 
 from kalscope import Recording
 from kalscope.papers.generalized import GeneralizedParams

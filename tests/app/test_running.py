@@ -8,10 +8,10 @@ import stat
 from pathlib import Path
 
 import pytest
-from attack_table import UPGRADE, exchange, status
-from program import end, free_port, is_free, labels, port_of, running, start, token_of
-from waiting import PATIENCE, wait_until
-from wire import Guest
+from tests.app.attack_table import UPGRADE, exchange, status
+from tests.app.wire import Guest
+from tests.support.program import end, free_port, is_free, labels, port_of, running, start, token_of
+from tests.support.waiting import PATIENCE, wait_until
 
 from kalscope_app.session.session import Failed
 from kalscope_app.views.window import MAP_POINTED

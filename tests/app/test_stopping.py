@@ -13,9 +13,9 @@ from contextlib import ExitStack
 from itertools import cycle, product
 
 import pytest
-from floods import FLOODS, Flood
-from program import end, link_of, next_line, start
-from waiting import PATIENCE, wait_until
+from tests.support.floods import FLOODS, Flood
+from tests.support.program import end, link_of, next_line, start
+from tests.support.waiting import PATIENCE, wait_until
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="signals as POSIX has them")
 

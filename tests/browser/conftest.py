@@ -9,10 +9,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
-from chromium import CHROMIUM, FLAGS
-from required import not_here
-from screen import Screen, dashboard
-from shared_page import SharedPage, shared_page
+from tests.browser.chromium import CHROMIUM, FLAGS
+from tests.browser.screen import Screen, dashboard
+from tests.browser.shared_page import SharedPage, shared_page
+from tests.support.required import not_here
 
 FIREFOX = next(filter(None, map(shutil.which, ("firefox-esr", "firefox"))), None)
 CHANNEL = "moz-firefox"

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from screen import FIND
-from waiting import wait_until
+from tests.browser.screen import FIND
+from tests.support.waiting import wait_until
 
 from kalscope import FilterParams, estimate, kalman_filter, open_source
 from kalscope.estimation.request import starting_params

@@ -6,11 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from axe import findings
-from effort import FUZZ
-from line_sender import line_sender
-from screen import FIND, Screen, dashboard
-from waiting import wait_until
+from tests.browser.axe import findings
+from tests.browser.screen import FIND, Screen, dashboard
+from tests.support.effort import FUZZ
+from tests.support.line_sender import line_sender
+from tests.support.waiting import wait_until
 
 from kalscope import kalman_filter, open_source, steady_state
 from kalscope.common.text import lag_text

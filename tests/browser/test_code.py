@@ -7,8 +7,8 @@ import zipfile
 
 import numpy as np
 import pytest
-from axe import findings
-from waiting import wait_until
+from tests.browser.axe import findings
+from tests.support.waiting import wait_until
 
 from kalscope.export.registry import export_tuning
 from kalscope.tuning.file import load_tuning, save_tuning

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from screen import FIND
+from tests.browser.screen import FIND
 
 from kalscope import kalman_filter, open_source, steady_state
 from kalscope.analysis.alternatives import compare_alternatives

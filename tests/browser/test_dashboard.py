@@ -7,10 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from effort import FUZZ
-from program import command
-from screen import FIND, Screen
-from waiting import PATIENCE
+from tests.browser.screen import FIND, Screen
+from tests.support.effort import FUZZ
+from tests.support.program import command
+from tests.support.waiting import PATIENCE
 
 from kalscope import estimate, kalman_filter, open_source, steady_state
 from kalscope.common.text import lag_text

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import pytest
-from axe import findings
-from screen import FIND, PICTURES
+from tests.browser.axe import findings
+from tests.browser.screen import FIND, PICTURES
 
 pytestmark = pytest.mark.browser
 

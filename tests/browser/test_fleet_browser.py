@@ -6,9 +6,9 @@ import re
 
 import numpy as np
 import pytest
-from fleet_folder import NOISY, finished_fleet
-from required import not_here
-from waiting import wait_until
+from tests.support.fleet_folder import NOISY, finished_fleet
+from tests.support.required import not_here
+from tests.support.waiting import wait_until
 
 from kalscope.fleet.results import read_fleet, reopen
 from kalscope_app.engine.filter_runs import Cache

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING
 
 import pytest
 import viser
-from chromium import CHROMIUM, FLAGS
-from waiting import PATIENCE
+from tests.browser.chromium import CHROMIUM, FLAGS
+from tests.support.waiting import PATIENCE
 
 from kalscope_app.guard.requests import Policy
 from kalscope_app.guard.server import GuardedServer, guarded_server

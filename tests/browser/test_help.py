@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import pytest
-from axe import findings
-from screen import LEAVE
+from tests.browser.axe import findings
+from tests.browser.screen import LEAVE
 
 pytestmark = pytest.mark.browser
 

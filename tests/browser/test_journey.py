@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hand import Hand
-from screen import FIND, Screen, dashboard
-from waiting import wait_until
+from tests.browser.hand import Hand
+from tests.browser.screen import FIND, Screen, dashboard
+from tests.support.waiting import wait_until
 
 from kalscope import FilterParams, kalman_filter, open_source
 from kalscope.estimation.request import Request, find_parameters

@@ -6,9 +6,9 @@ import contextlib
 
 import numpy as np
 import pytest
-from board import SKETCHES
-from screen import FIND, Screen, dashboard
-from waiting import wait_until
+from tests.browser.screen import FIND, Screen, dashboard
+from tests.support.board import SKETCHES
+from tests.support.waiting import wait_until
 
 from kalscope import FilterParams, kalman_filter
 from kalscope.export.registry import export_tuning

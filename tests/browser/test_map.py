@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from PIL import Image
-from screen import pixels
-from waiting import wait_until
+from tests.browser.screen import pixels
+from tests.support.waiting import wait_until
 
 from kalscope import kalman_filter, open_source
 from kalscope.estimation.request import starting_params

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from screen import FIND
-from waiting import wait_until
+from tests.browser.screen import FIND
+from tests.support.waiting import wait_until
 
 from kalscope import FilterParams, kalman_filter, open_source
 from kalscope.estimation.request import Request, find_parameters, starting_params

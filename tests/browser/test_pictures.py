@@ -5,9 +5,9 @@ from __future__ import annotations
 import json
 
 import pytest
-from effort import FUZZ
-from pictures import FOLDER, PICTURES, STAMPS, on_screen, said
-from waiting import wait_until
+from tests.browser.pictures import FOLDER, PICTURES, STAMPS, on_screen, said
+from tests.support.effort import FUZZ
+from tests.support.waiting import wait_until
 
 pytestmark = pytest.mark.browser
 

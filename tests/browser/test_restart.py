@@ -1,9 +1,9 @@
 """The end of the program as its page shows it, and what the next start brings back."""
 
 import pytest
-from program import end, free_port, running
-from screen import Screen, settings_in
-from waiting import wait_until
+from tests.browser.screen import Screen, settings_in
+from tests.support.program import end, free_port, running
+from tests.support.waiting import wait_until
 
 pytestmark = pytest.mark.browser
 Q = "process noise q"

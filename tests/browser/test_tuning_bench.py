@@ -7,8 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from screen import FIND
-from waiting import wait_until
+from tests.browser.screen import FIND
+from tests.support.waiting import wait_until
 
 from kalscope import denoise, kalman_filter, open_source
 from kalscope.estimation.request import starting_params

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from screen import FIND
+from tests.browser.screen import FIND
 
 from kalscope import FilterParams, estimate, kalman_filter
 from kalscope.estimation.request import Request, find_parameters

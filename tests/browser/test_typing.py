@@ -6,9 +6,9 @@ import contextlib
 import itertools
 
 import pytest
-from effort import FUZZ
-from screen import Screen
-from waiting import wait_until
+from tests.browser.screen import Screen
+from tests.support.effort import FUZZ
+from tests.support.waiting import wait_until
 
 from kalscope.sources.grammar.read_options import DEFAULTS
 from kalscope_app.dashboard import Dashboard

@@ -6,9 +6,9 @@ import re
 import signal
 
 import pytest
-from measuring_board import MeasuringBoard
-from program import command
-from waiting import PATIENCE, wait_until
+from tests.support.measuring_board import MeasuringBoard
+from tests.support.program import command
+from tests.support.waiting import PATIENCE, wait_until
 
 from kalscope.cli import board as calibrate
 from kalscope.cli.app import run

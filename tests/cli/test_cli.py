@@ -15,8 +15,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from program import command
-from waiting import PATIENCE
+from tests.support.program import command
+from tests.support.waiting import PATIENCE
 
 from kalscope.catalogue import open_source
 from kalscope.cli.app import COMMANDS, function_of, run

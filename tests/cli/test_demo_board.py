@@ -8,7 +8,7 @@ import threading
 
 import numpy as np
 import pytest
-from waiting import PATIENCE, wait_until
+from tests.support.waiting import PATIENCE, wait_until
 
 from kalscope import Recording, synthesize
 from kalscope.cli import app as cli

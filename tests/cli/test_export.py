@@ -11,7 +11,7 @@ import sys
 import time
 
 import pytest
-from waiting import wait_until
+from tests.support.waiting import wait_until
 
 from kalscope import BadSetting, ChannelTuning, Tuning, export_tuning, load_tuning, save_tuning
 from kalscope.cli import app as cli

@@ -11,7 +11,7 @@ from itertools import cycle
 
 import numpy as np
 import pytest
-from line_sender import line_sender
+from tests.support.line_sender import line_sender
 
 from kalscope.cli import board
 from kalscope.cli.app import run

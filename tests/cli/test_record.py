@@ -16,11 +16,11 @@ from pathlib import Path
 from statistics import median
 
 import pytest
-from effort import FUZZ
-from forked import Forked
-from program import command
-from terminal import link_to
-from waiting import PATIENCE, wait_until
+from tests.cli.terminal import link_to
+from tests.support.effort import FUZZ
+from tests.support.forked import Forked
+from tests.support.program import command
+from tests.support.waiting import PATIENCE, wait_until
 
 from kalscope.cli.app import run
 from kalscope.sources.reading.recording_file import read_recording

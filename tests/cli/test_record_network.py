@@ -7,8 +7,8 @@ import socket
 import time
 
 import numpy as np
-from program import command, free_port
-from waiting import PATIENCE, wait_until
+from tests.support.program import command, free_port
+from tests.support.waiting import PATIENCE, wait_until
 
 from kalscope.sources.reading.recording_file import read_recording
 

@@ -9,10 +9,10 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
-from hostile_names import TERMINAL
-from html_page import Page
-from program import command
-from waiting import PATIENCE
+from tests.support.hostile_names import TERMINAL
+from tests.support.html_page import Page
+from tests.support.program import command
+from tests.support.waiting import PATIENCE
 
 from kalscope.cli import app as cli
 from kalscope.common.charts import Line, Panel, draw_svg, markup_of_table

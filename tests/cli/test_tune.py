@@ -11,8 +11,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from program import command
-from waiting import PATIENCE
+from tests.support.program import command
+from tests.support.waiting import PATIENCE
 
 from kalscope import kalman_filter
 from kalscope.cli import console

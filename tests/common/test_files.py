@@ -10,8 +10,8 @@ import time
 from pathlib import Path
 
 import pytest
-from effort import FUZZ
-from waiting import PATIENCE
+from tests.support.effort import FUZZ
+from tests.support.waiting import PATIENCE
 
 from kalscope.common.files import atomic_file, check_inside, write_atomic, write_private
 from kalscope.errors import BadSetting

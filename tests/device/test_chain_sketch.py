@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from board import FLAT_OUT, read_lines
-from exported_sketch import FAST, MISSING, Talk, exported, saved
+from tests.device.exported_sketch import FAST, MISSING, Talk, exported, saved
+from tests.support.board import FLAT_OUT, read_lines
 
 from kalscope.export.board import FixedFilter, check_board, is_refusal, read_answer
 from kalscope.export.float32 import filter_float32, float32_tuning

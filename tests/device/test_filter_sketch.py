@@ -6,10 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from board import FLAT_OUT, read_lines
-from exported_program import FUSION
-from exported_sketch import FAST, MISSING, Talk, exported, saved, step_us
-from float32_by_hand import ByHand
+from tests.device.exported_sketch import FAST, MISSING, Talk, exported, saved, step_us
+from tests.support.board import FLAT_OUT, read_lines
+from tests.support.exported_program import FUSION
+from tests.support.float32_by_hand import ByHand
 
 from kalscope import FilterParams, kalman_filter
 from kalscope.export.board import commands, is_refusal, read_answer

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from board import FLAT_OUT
-from exported_rule import compiled_rule, rows_of
-from exported_sketch import FAST, MISSING, Talk, exported
+from tests.device.exported_sketch import FAST, MISSING, Talk, exported
+from tests.support.board import FLAT_OUT
+from tests.support.exported_rule import compiled_rule, rows_of
 
 from kalscope.estimation.noise import noise_from_still
 from kalscope.export.board import Calibrated, NotCalibrated, read_calibration

@@ -9,10 +9,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from board import run
-from exported_program import FUSION, spiky
 from numpy.typing import NDArray
-from required import not_here
+from tests.support.board import run
+from tests.support.exported_program import FUSION, spiky
+from tests.support.required import not_here
 
 from kalscope import ChannelTuning
 from kalscope.export.float32 import filter_float32

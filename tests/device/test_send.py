@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from board import read_lines
-from exported_sketch import exported
-from waiting import wait_until
+from tests.device.exported_sketch import exported
+from tests.support.board import read_lines
+from tests.support.waiting import wait_until
 
 from kalscope.export.board import check_board
 from kalscope.export.float32 import float32_params

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from board import FLAT_OUT, SKETCHES, read_lines
-from waiting import PATIENCE
-from waiting import wait_until as wait_for
+from tests.support.board import FLAT_OUT, SKETCHES, read_lines
+from tests.support.waiting import PATIENCE
+from tests.support.waiting import wait_until as wait_for
 
 from kalscope.sources.live import lines
 from kalscope.sources.live.source import LiveSource

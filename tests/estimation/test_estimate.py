@@ -7,10 +7,10 @@ import math
 
 import numpy as np
 import pytest
-from effort import FUZZ
 from hypothesis import given
 from hypothesis import strategies as st
-from signals import walk
+from tests.support.effort import FUZZ
+from tests.support.signals import walk
 
 from kalscope import BadSetting, FilterParams, kalman_filter
 from kalscope.estimation.fit import estimate, estimate_fixed_r, estimate_fixed_ratio

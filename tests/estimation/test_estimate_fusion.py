@@ -7,8 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from effort import FUZZ
-from signals import moving
+from tests.support.effort import FUZZ
+from tests.support.signals import moving
 
 from kalscope import BadSetting, FilterParams, estimate, estimate_fusion, fuse, judge_fusion
 from kalscope.errors import Cancelled

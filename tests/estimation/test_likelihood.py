@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from signals import moving, walk
+from tests.support.signals import moving, walk
 
 from kalscope import BadSetting, FilterParams, estimate, kalman_filter, open_source
 from kalscope.estimation.likelihood import DROP_95, likelihood_contour, log_likelihood, loglik_map

@@ -6,7 +6,7 @@ import runpy
 from pathlib import Path
 
 import pytest
-from effort import FUZZ
+from tests.support.effort import FUZZ
 
 FOLDER = Path(__file__).parents[2] / "benchmarks"
 RUNS = 20 * FUZZ

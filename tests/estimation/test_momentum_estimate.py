@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from signals import moving
+from tests.support.signals import moving
 
 from kalscope import BadSetting, FilterParams, estimate, kalman_filter
 from kalscope.errors import Cancelled

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from signals import walk
+from tests.support.signals import walk
 
 from kalscope import BadSetting, estimate, kalman_filter, steady_state
 from kalscope.common.text import percent

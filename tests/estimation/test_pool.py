@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from fleets import fleet
+from tests.estimation.fleets import fleet
 
 from kalscope import BadSetting, FilterParams, estimate, kalman_filter
 from kalscope.estimation.fit import estimate_fixed_ratio

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from effort import FUZZ
-from float32_by_hand import ByHand
+from tests.support.effort import FUZZ
+from tests.support.float32_by_hand import ByHand
 
 from kalscope import FilterParams, kalman_filter, steady_state
 from kalscope.errors import BadSetting

@@ -12,9 +12,9 @@ from functools import cache
 
 import pytest
 import yaml
-from hostile_names import CODE, LETTERS, TERMINAL, WORDS
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
+from tests.support.hostile_names import CODE, LETTERS, TERMINAL, WORDS
 
 from kalscope import BadSetting, ChannelTuning, Tuning, export_tuning
 from kalscope.export.names import comment_text, identifier, identifiers, number_text

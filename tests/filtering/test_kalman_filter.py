@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from five_lines import assert_same_bits, five_lines
+from tests.filtering.five_lines import assert_same_bits, five_lines
 
 from kalscope import BadSetting, FilterParams, KalmanFilter, denoise, fuse, kalman_filter, smooth
 from kalscope.estimation.request import starting_params

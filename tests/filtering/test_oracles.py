@@ -6,9 +6,9 @@ import math
 
 import numpy as np
 import pytest
-from dense_momentum import constant_velocity, dense_model, van_loan
 from hypothesis import given
 from hypothesis import strategies as st
+from tests.filtering.dense_momentum import constant_velocity, dense_model, van_loan
 
 from kalscope import FilterParams, kalman_filter, smooth, steady_state
 from kalscope.filtering import steady

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from five_lines import assert_same_bits
+from tests.filtering.five_lines import assert_same_bits
 
 from kalscope import BadSetting, FilterParams, KalmanFilter, denoise, kalman_filter, smooth
 from kalscope.filtering.filter import FIRST_CAPACITY, PIECE, GrowingRun, filter_at, filter_pieces

@@ -6,7 +6,7 @@ from contextlib import nullcontext
 from importlib.util import find_spec
 
 import pytest
-from required import REQUIRE_ALL
+from tests.support.required import REQUIRE_ALL
 
 if not REQUIRE_ALL and not all(map(find_spec, ("dask", "distributed", "psutil", "pyarrow"))):
     collect_ignore_glob = ["test_*.py"]
@@ -15,7 +15,7 @@ if not REQUIRE_ALL and not all(map(find_spec, ("dask", "distributed", "psutil", 
 @pytest.fixture
 def at_once(monkeypatch):
     """Workers without processes: those of each run."""
-    from fleet_runs import AtOnce
+    from tests.fleet.fleet_runs import AtOnce
 
     from kalscope.fleet import run as fleet_run
 

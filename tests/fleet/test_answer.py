@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from fleet_folder import devices_with, table_of
+from tests.support.fleet_folder import devices_with, table_of
 
 from kalscope.estimation.many import estimate_many, series_of
 from kalscope.estimation.pool import Pool, held_out, loss_inputs, pool_of

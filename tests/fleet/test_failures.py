@@ -7,7 +7,7 @@ import sys
 from contextlib import nullcontext
 
 import pytest
-from fleet_runs import ANSWER, PLAIN, InProcesses, files_of, kept, run_here, table, write_devices
+from tests.fleet.fleet_runs import ANSWER, PLAIN, InProcesses, files_of, kept, run_here, table, write_devices
 
 from kalscope.fleet import run as fleet_run
 from kalscope.fleet import work

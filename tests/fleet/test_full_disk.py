@@ -8,7 +8,7 @@ import sys
 from contextlib import contextmanager
 
 import pytest
-from fleet_runs import PLAIN, files_of, kept, run_here, table, write_devices
+from tests.fleet.fleet_runs import PLAIN, files_of, kept, run_here, table, write_devices
 
 
 @contextmanager

@@ -13,8 +13,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from fleet_runs import ANSWER, PLAIN, files_of, run_here, table, write_devices
-from hostile_names import TERMINAL
+from tests.fleet.fleet_runs import ANSWER, PLAIN, files_of, run_here, table, write_devices
+from tests.support.hostile_names import TERMINAL
 
 from kalscope.common import files
 from kalscope.common.text import CONTROL

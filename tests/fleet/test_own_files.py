@@ -6,7 +6,7 @@ import sqlite3
 from contextlib import closing
 
 import pytest
-from fleet_runs import PLAIN, files_of, run_here, write_devices
+from tests.fleet.fleet_runs import PLAIN, files_of, run_here, write_devices
 
 from kalscope.fleet.store import STORE, TUNING, Store
 from kalscope.tuning.file import load_tuning, save_tuning

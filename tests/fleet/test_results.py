@@ -10,7 +10,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from fleet_folder import NOISY, finished_fleet, run_steps, write_logs
+from tests.support.fleet_folder import NOISY, finished_fleet, run_steps, write_logs
 
 from kalscope import estimate, kalman_filter, steady_state
 from kalscope.errors import BadFile, BadSetting

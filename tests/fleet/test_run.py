@@ -11,10 +11,10 @@ import signal
 import distributed
 import psutil
 import pytest
-from fleet_runs import ANSWER, PLAIN, files_of, fits, kept, run_here, table, write_devices
-from forked import Forked
-from program import command, next_line
-from waiting import PATIENCE, wait_until
+from tests.fleet.fleet_runs import ANSWER, PLAIN, files_of, fits, kept, run_here, table, write_devices
+from tests.support.forked import Forked
+from tests.support.program import command, next_line
+from tests.support.waiting import PATIENCE, wait_until
 
 from kalscope.cli.app import run as kalscope
 from kalscope.fleet import run

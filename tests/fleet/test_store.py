@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from effort import FUZZ
+from tests.support.effort import FUZZ
 
 from kalscope.errors import BadFile, BadSetting
 from kalscope.estimation.many import series_of

@@ -12,9 +12,9 @@ from types import SimpleNamespace
 import dask.system
 import distributed.system
 import pytest
-from fleet_runs import PLAIN, run_here, table, write_devices
-from program import command, end, next_line
-from waiting import wait_until
+from tests.fleet.fleet_runs import PLAIN, run_here, table, write_devices
+from tests.support.program import command, end, next_line
+from tests.support.waiting import wait_until
 
 from kalscope.cli.fleet import progress_text
 from kalscope.common.stopping import stop_signals

@@ -9,7 +9,7 @@ import subprocess
 
 import numpy as np
 import pytest
-from required import not_here
+from tests.support.required import not_here
 
 from kalscope.filtering.filter import KalmanFilter, denoise, kalman_filter
 from kalscope.filtering.params import FilterParams

@@ -4,7 +4,7 @@ import os
 import threading
 
 import pytest
-from waiting import wait_until as wait_for
+from tests.support.waiting import wait_until as wait_for
 
 from kalscope.sources.grammar.read_options import ReadOptions
 from kalscope.sources.live.source import LiveSource

@@ -9,16 +9,16 @@ from __future__ import annotations
 import re
 
 import pytest
-from effort import FUZZ
-from forked import fork_server
-from hostile_case import examine_all, in_child
-from required import needs
+from tests.support.effort import FUZZ
+from tests.support.forked import fork_server
+from tests.support.hostile_case import examine_all, in_child
+from tests.support.required import needs
 
 needs("duckdb", "h5py", "nptdms", "python_calamine", "zstandard")
 
-from packed_files import PACKED  # noqa: E402
-from special_files import SPECIAL  # noqa: E402
-from text_files import TEXTS  # noqa: E402
+from tests.sources.packed_files import PACKED  # noqa: E402
+from tests.sources.special_files import SPECIAL  # noqa: E402
+from tests.sources.text_files import TEXTS  # noqa: E402
 
 from kalscope.common.text import CONTROL  # noqa: E402
 

@@ -16,7 +16,7 @@ import numpy as np
 import serial
 from filelock import FileLock
 from numpy.typing import ArrayLike
-from waiting import PATIENCE
+from tests.support.waiting import PATIENCE
 
 HERE = Path(__file__).parent
 SKETCHES = HERE.parents[1] / "arduino"

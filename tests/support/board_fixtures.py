@@ -10,9 +10,9 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
-from board import SKETCHES, Firmware, Uno, Workshop, missing, write_counts
 from numpy.typing import ArrayLike
-from required import not_here
+from tests.support.board import SKETCHES, Firmware, Uno, Workshop, missing, write_counts
+from tests.support.required import not_here
 
 StartBoard = Callable[..., Uno]
 

@@ -7,7 +7,7 @@ import subprocess
 from pathlib import Path
 
 import numpy as np
-from required import not_here
+from tests.support.required import not_here
 
 from kalscope.export.job import ExportJob
 from kalscope.export.targets import arduino, c

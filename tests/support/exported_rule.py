@@ -7,7 +7,7 @@ import subprocess
 from dataclasses import dataclass
 
 import numpy as np
-from required import not_here
+from tests.support.required import not_here
 
 from kalscope import ChannelTuning, Tuning, export_tuning
 

@@ -27,7 +27,7 @@ import pytest
 def fork_server():
     """The context whose processes are forked off a server that has imported `warm_program`."""
     context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload(["warm_program", __name__])
+    context.set_forkserver_preload(["tests.support.warm_program", __name__])
     with pytest.MonkeyPatch.context() as patch:  # Python 3.11's server looks for what it preloads only there
         patch.setenv("PYTHONPATH", os.pathsep.join(filter(None, sys.path)))
         multiprocessing.forkserver.ensure_running()

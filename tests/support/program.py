@@ -11,8 +11,8 @@ import subprocess
 import sys
 import threading
 
-from forked import Forked
-from waiting import PATIENCE
+from tests.support.forked import Forked
+from tests.support.waiting import PATIENCE
 
 SCRIPT = """
 import signal, sys

@@ -9,7 +9,7 @@ import tempfile
 from pathlib import Path
 
 import numpy as np
-import warm_program  # noqa: F401  # the loops of the dashboard
+from tests.support import warm_program  # noqa: F401  # the loops of the dashboard
 
 from kalscope import (
     FilterParams,

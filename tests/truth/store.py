@@ -11,10 +11,10 @@ import sys
 from itertools import chain
 from pathlib import Path
 
-sys.path.append(str(Path(__file__).parents[1] / "support"))
+sys.path.insert(0, str(Path(__file__).parents[2]))
 
-from truth_cases import HERE, ROOTS, SETS, groups_of, stored
-from truth_differences import changes
+from tests.truth.truth_cases import HERE, ROOTS, SETS, groups_of, stored
+from tests.truth.truth_differences import changes
 
 
 def store(name: str) -> None:

@@ -8,9 +8,9 @@ from __future__ import annotations
 from itertools import islice
 
 import pytest
-from effort import FUZZ
-from truth_cases import ROOTS, SETS, groups_of, stored
-from truth_differences import changes
+from tests.support.effort import FUZZ
+from tests.truth.truth_cases import ROOTS, SETS, groups_of, stored
+from tests.truth.truth_differences import changes
 
 NO_DATA = pytest.mark.skipif(not ROOTS["shared"].is_dir(), reason="shared/data is not beside the repository")
 FAST = ("sample_data/", "filters", "exports", "words")

@@ -57,14 +57,14 @@ def pooled_fits(many: Series) -> Iterator[tuple[str, Any]]:
 
 def judged_states() -> Iterator[tuple[str, Any]]:
     """The verdict table: filters that were set by hand on known records, and their judgements."""
-    from verdict_states import STATES, row_of
+    from tests.truth.verdict_states import STATES, row_of
 
     yield from ((state.name(), row_of(state).said) for state in STATES)
 
 
 def judged_fits() -> Iterator[tuple[str, Any]]:
     """The first answer on each record of the verdict table."""
-    from verdict_states import SIGNALS
+    from tests.truth.verdict_states import SIGNALS
 
     from kalscope.analysis.judge import judge
     from kalscope.estimation.request import find_parameters

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from waiting import PATIENCE, wait_until
+from tests.support.waiting import PATIENCE, wait_until
 
 from kalscope import FilterParams, Recording, diagnose, kalman_filter, steady_state
 from kalscope_app.engine.engine import DELAYS, Engine, Part, Schedule, Studies, Study, is_move

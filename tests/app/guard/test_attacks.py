@@ -6,7 +6,7 @@ import re
 from pathlib import Path
 
 import pytest
-from attack_table import ATTACKS, kalscope, seen_by
+from tests.app.attack_table import ATTACKS, kalscope, seen_by
 
 
 @pytest.fixture(scope="module")

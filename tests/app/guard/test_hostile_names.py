@@ -10,9 +10,9 @@ from itertools import cycle
 from pathlib import Path
 
 import pytest
-from line_sender import line_sender
-from program import end, labels, port_of, running, token_of
-from wire import Guest
+from tests.app.wire import Guest
+from tests.support.line_sender import line_sender
+from tests.support.program import end, labels, port_of, running, token_of
 
 from kalscope.common.text import count
 from kalscope_app.views.window import FIGURE, FILES, HEADER, HEADING, ONE_BUTTON, ONE_CHANNEL, QUESTION, VERDICT

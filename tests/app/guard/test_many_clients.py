@@ -14,10 +14,10 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
-from effort import FUZZ
-from program import end, labels, port_of, running, token_of
+from tests.app.wire import CAMERA, PATIENCE, Guest, client, packed
+from tests.support.effort import FUZZ
+from tests.support.program import end, labels, port_of, running, token_of
 from websockets.exceptions import ConnectionClosed
-from wire import CAMERA, PATIENCE, Guest, client, packed
 
 from kalscope_app.views.window import MAP_POINTED
 

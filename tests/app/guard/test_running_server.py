@@ -9,11 +9,11 @@ import types
 import pytest
 import viser
 import websockets.asyncio.server
-import wire
-from attack_table import exchange
+from tests.app import wire
+from tests.app.attack_table import exchange
+from tests.support.waiting import PATIENCE
 from viser import _messages as messages
 from viser.infra import _infra
-from waiting import PATIENCE
 from websockets.datastructures import Headers
 from websockets.http11 import Request
 from websockets.sync.client import ClientConnection

@@ -9,12 +9,12 @@ from collections.abc import Callable, Iterator
 import msgspec
 import pytest
 import viser
-import wire
+from tests.app import wire
+from tests.app.wire import CAMERA, PATIENCE, close_code, messages_in, packed
 from viser import _messages as messages
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection
 from websockets.sync.connection import Connection
-from wire import CAMERA, PATIENCE, close_code, messages_in, packed
 
 from kalscope_app.guard import messages as message_filter
 from kalscope_app.guard import requests

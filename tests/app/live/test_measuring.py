@@ -8,8 +8,8 @@ from unittest.mock import MagicMock
 
 import numpy as np
 import pytest
-from measuring_board import MeasuringBoard
-from waiting import wait_until
+from tests.support.measuring_board import MeasuringBoard
+from tests.support.waiting import wait_until
 
 from kalscope.common.text import number
 from kalscope.sources.live.source import LiveSource

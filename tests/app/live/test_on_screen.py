@@ -5,8 +5,8 @@ from __future__ import annotations
 import re
 import socket
 
-from program import command, next_line, port_of, running, token_of
-from wire import Guest
+from tests.app.wire import Guest
+from tests.support.program import command, next_line, port_of, running, token_of
 
 
 def test_before_the_first_sample_no_text_counts_the_rows_of_the_placeholder(tmp_path):

@@ -12,8 +12,8 @@ from functools import partial
 from pathlib import Path
 
 import pytest
+from tests.support.waiting import PATIENCE
 from viser import _scene_api
-from waiting import PATIENCE
 
 from kalscope.errors import BadSetting
 from kalscope_app.guard.server import guarded_server

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from fleet_folder import NOISY, devices_with, finished_fleet
-from required import needs
+from tests.support.fleet_folder import NOISY, devices_with, finished_fleet
+from tests.support.required import needs
 
 from kalscope import FilterParams, synthesize
 from kalscope.catalogue import open_source

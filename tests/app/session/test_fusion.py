@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from feed import Board
+from tests.app.feed import Board
 
 from kalscope import BadSetting, Recording, load_tuning, save_tuning
 from kalscope.filtering.filter import GrowingRun, fuse

@@ -6,8 +6,8 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from feed import Board
-from waiting import wait_until
+from tests.app.feed import Board
+from tests.support.waiting import wait_until
 
 from kalscope import BadSetting, Recording, kalman_filter
 from kalscope.estimation.request import starting_params

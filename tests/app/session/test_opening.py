@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from feed import Board
+from tests.app.feed import Board
 
 from kalscope import FilterParams, Recording
 from kalscope.estimation.request import FitResult

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from headless import headless
+from tests.app.headless import headless
 
 from kalscope import Recording
 from kalscope_app.engine import engine as engine_module

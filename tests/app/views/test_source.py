@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 
 import pytest
-from waiting import PATIENCE
+from tests.support.waiting import PATIENCE
 
 from kalscope.papers.reproduction import list_experiments
 from kalscope.sources.samples import list_samples

@@ -11,9 +11,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from forked import Forked
+from tests.support.forked import Forked
+from tests.support.waiting import PATIENCE, wait_until
 from viser import UploadedFile
-from waiting import PATIENCE, wait_until
 
 from kalscope.catalogue import open_source
 from kalscope.common.progress import Progress

@@ -7,8 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from measuring_board import MeasuringBoard
-from waiting import wait_until
+from tests.support.measuring_board import MeasuringBoard
+from tests.support.waiting import wait_until
 
 from kalscope.common.progress import Progress
 from kalscope.errors import BadDevice, BadSetting, Cancelled

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from exported_rule import GROUPS, LEARNING, compiled_rule, rows_of
+from tests.support.exported_rule import GROUPS, LEARNING, compiled_rule, rows_of
 
 from kalscope import Recording
 from kalscope.cli.demo_board import Sketch

@@ -8,7 +8,7 @@ from datetime import UTC, datetime
 
 import numpy as np
 import pytest
-from html_page import Page
+from tests.support.html_page import Page
 
 from kalscope import BadSetting, FilterParams, Recording, kalman_filter, load_tuning, open_source, steady_state
 from kalscope.cli.app import run

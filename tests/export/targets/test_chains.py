@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from exported_program import FUSED, build, in_c, in_cpp
+from tests.support.exported_program import FUSED, build, in_c, in_cpp
 
 from kalscope import BadSetting, ChannelTuning, Tuning, export_tuning
 from kalscope.export.board import momentum_on_board

@@ -11,10 +11,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import yaml
-from esphome import esphome
-from exported_program import FUSED, build, program
-from required import node
-from waiting import PATIENCE
+from tests.export.esphome import esphome
+from tests.support.exported_program import FUSED, build, program
+from tests.support.required import node
+from tests.support.waiting import PATIENCE
 
 from kalscope import BadSetting, ChannelTuning, FilterParams, Recording, Tuning, export_tuning, fuse
 from kalscope.export.float32 import filter_float32

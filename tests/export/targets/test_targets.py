@@ -16,11 +16,11 @@ from itertools import cycle
 import numpy as np
 import pytest
 import yaml
-from esphome import esphome
-from exported_program import build, program
-from required import node
 from ruamel.yaml import YAML
-from waiting import PATIENCE
+from tests.export.esphome import esphome
+from tests.support.exported_program import build, program
+from tests.support.required import node
+from tests.support.waiting import PATIENCE
 
 from kalscope import BadSetting, ChannelTuning, Recording, Tuning, export_tuning, kalman_filter, steady_state
 from kalscope.export.job import job_of, step_of

@@ -5,7 +5,7 @@ import zipfile
 import numpy as np
 import pytest
 import scipy.io
-from required import needs
+from tests.support.required import needs
 
 from kalscope.errors import BadFile, NoMemory
 from kalscope.sources.containers.table import MAX_NUMBERS
@@ -14,7 +14,7 @@ from kalscope.sources.reading.recording_file import read_recording
 
 needs("duckdb", "rosbags", "mcap")
 
-from made_containers import write_edf  # noqa: E402
+from tests.sources.made_containers import write_edf  # noqa: E402
 
 h5py = pytest.importorskip("h5py")
 nptdms = pytest.importorskip("nptdms")

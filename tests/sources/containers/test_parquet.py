@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from required import needs
+from tests.support.required import needs
 
 from kalscope.errors import BadSetting
 from kalscope.sources.grammar.read_options import ReadOptions

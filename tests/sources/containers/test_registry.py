@@ -6,15 +6,15 @@ import sys
 
 import numpy as np
 import pytest
-from effort import FUZZ
-from required import needs
+from tests.support.effort import FUZZ
+from tests.support.required import needs
 
 from kalscope.errors import BadFile, Cancelled
 from kalscope.sources.reading.recording_file import read_recording
 
 needs("duckdb", "pyarrow", "h5py", "nptdms", "openpyxl", "python_calamine", "rosbags", "mcap", "pyulog")
 
-from made_containers import CONTAINERS  # noqa: E402
+from tests.sources.made_containers import CONTAINERS  # noqa: E402
 
 LIBRARIES = {
     "log.h5": ("h5py", "h5py"),

@@ -4,7 +4,7 @@ import sqlite3
 
 import numpy as np
 import pytest
-from required import needs
+from tests.support.required import needs
 
 from kalscope.errors import BadFile, BadSetting
 from kalscope.sources.containers import robotics
@@ -13,8 +13,8 @@ from kalscope.sources.reading.recording_file import read_recording
 
 needs("rosbags", "mcap", "pyulog", "lz4", "zstandard", "h5py", "nptdms")
 
-import made_containers as made  # noqa: E402
-from made_containers import N, X  # noqa: E402
+from tests.sources import made_containers as made  # noqa: E402
+from tests.sources.made_containers import N, X  # noqa: E402
 
 WRITERS = {
     "ros1": lambda folder: made.write_ros1(folder / "log.bag"),

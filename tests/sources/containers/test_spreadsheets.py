@@ -5,7 +5,7 @@ import zipfile
 
 import numpy as np
 import pytest
-from required import needs
+from tests.support.required import needs
 
 from kalscope.errors import BadFile, BadSetting
 from kalscope.sources.grammar.read_options import ReadOptions

@@ -9,7 +9,7 @@ import zipfile
 
 import numpy as np
 import pytest
-from required import needs
+from tests.support.required import needs
 
 needs("duckdb", "h5py", "mcap", "nptdms", "openpyxl", "python_calamine", "rosbags", "scipy", "zstandard")
 
@@ -18,7 +18,7 @@ import h5py  # noqa: E402
 import openpyxl  # noqa: E402
 import scipy.io  # noqa: E402
 import zstandard  # noqa: E402
-from made_containers import Compression, write_json_mcap, write_ros1  # noqa: E402
+from tests.sources.made_containers import Compression, write_json_mcap, write_ros1  # noqa: E402
 
 from kalscope.common import files  # noqa: E402
 from kalscope.errors import BadFile, NoMemory  # noqa: E402

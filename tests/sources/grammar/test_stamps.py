@@ -3,9 +3,9 @@
 from datetime import datetime, timedelta
 
 import pytest
-from effort import EXAMPLES
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from tests.support.effort import EXAMPLES
 
 from kalscope.errors import BadSetting
 from kalscope.sources.grammar.cells import is_number

@@ -8,10 +8,10 @@ from __future__ import annotations
 import re
 
 import pytest
-from effort import FUZZ
-from forked import fork_server
-from hostile_boards import BOARDS, GOOD_ROWS, listen
-from hostile_case import in_child
+from tests.sources.hostile_boards import BOARDS, GOOD_ROWS, listen
+from tests.support.effort import FUZZ
+from tests.support.forked import fork_server
+from tests.support.hostile_case import in_child
 
 pytestmark = pytest.mark.slow
 

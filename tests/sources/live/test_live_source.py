@@ -7,8 +7,8 @@ from itertools import cycle
 
 import numpy as np
 import pytest
-from scripted_port import ScriptedPort, scripted
-from waiting import PATIENCE
+from tests.sources.scripted_port import ScriptedPort, scripted
+from tests.support.waiting import PATIENCE
 
 from kalscope.errors import BadDevice, BadSetting
 from kalscope.sources.live.source import LiveSource

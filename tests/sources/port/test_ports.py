@@ -5,8 +5,8 @@ from itertools import count
 from queue import Empty
 
 import pytest
-from scripted_port import ScriptedPort, scripted
 from serial.tools.list_ports_common import ListPortInfo
+from tests.sources.scripted_port import ScriptedPort, scripted
 
 from kalscope.catalogue import open_source
 from kalscope.errors import BadDevice, BadSetting

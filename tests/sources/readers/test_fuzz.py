@@ -9,11 +9,11 @@ from collections import Counter
 
 import numpy as np
 import pytest
-from both_ways import assert_same_by_line
-from dialects.verdict import judge, make_case
-from effort import FUZZ
 from hypothesis import given
 from hypothesis import strategies as st
+from tests.sources.both_ways import assert_same_by_line
+from tests.sources.dialects.verdict import judge, make_case
+from tests.support.effort import FUZZ
 
 from kalscope.errors import KalscopeError
 from kalscope.sources.reading.line_parser import LineParser

@@ -5,9 +5,9 @@ import threading
 
 import numpy as np
 import pytest
-from both_ways import assert_same_by_line
 from hypothesis import example, given
 from hypothesis import strategies as st
+from tests.sources.both_ways import assert_same_by_line
 
 from kalscope.errors import Cancelled
 from kalscope.sources.grammar.line_format import LineFormat

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from waiting import PATIENCE
+from tests.support.waiting import PATIENCE
 
 from kalscope.common import files
 from kalscope.common.progress import Progress

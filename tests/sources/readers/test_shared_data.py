@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from effort import FUZZ
+from tests.support.effort import FUZZ
 
 from kalscope.errors import BadFile
 from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions

@@ -9,10 +9,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from effort import FUZZ
 from hypothesis import given
 from hypothesis import strategies as st
-from waiting import wait_until
+from tests.support.effort import FUZZ
+from tests.support.waiting import wait_until
 
 from kalscope.errors import BadFile
 from kalscope.sources import recorder as recorder_module

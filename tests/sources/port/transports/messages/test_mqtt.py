@@ -14,9 +14,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from program import free_port
-from required import needs, not_here
-from waiting import wait_until
+from tests.support.program import free_port
+from tests.support.required import needs, not_here
+from tests.support.waiting import wait_until
 
 from kalscope.errors import BadDevice, BadSetting
 from kalscope.sources.live.source import LiveSource

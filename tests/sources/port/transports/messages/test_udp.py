@@ -5,7 +5,7 @@ import time
 
 import numpy as np
 import pytest
-from program import free_port
+from tests.support.program import free_port
 
 from kalscope.errors import BadDevice
 from kalscope.sources.live import source

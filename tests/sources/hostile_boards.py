@@ -10,8 +10,8 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from hostile_case import Seen, busy_s, outcome_of, peak_mib
-from waiting import wait_until
+from tests.support.hostile_case import Seen, busy_s, outcome_of, peak_mib
+from tests.support.waiting import wait_until
 
 from kalscope.sources.live.source import LiveSource
 

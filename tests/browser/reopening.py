@@ -9,7 +9,7 @@ from multiprocessing.connection import Client
 from typing import Any
 
 import viser
-from waiting import wait_until
+from tests.support.waiting import wait_until
 
 from kalscope.sources.grammar.read_options import DEFAULTS
 from kalscope_app.dashboard import Dashboard

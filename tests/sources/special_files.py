@@ -7,8 +7,8 @@ import socket
 from collections.abc import Callable
 from pathlib import Path
 
-from hostile_case import Case
-from text_files import text
+from tests.sources.text_files import text
+from tests.support.hostile_case import Case
 
 ORDINARY = "refused: file must be an ordinary file"
 

@@ -14,10 +14,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import msgspec
-from program import port_of, running, token_of
-from waiting import PATIENCE
+from tests.app.wire import Guest, client
+from tests.support.program import port_of, running, token_of
+from tests.support.waiting import PATIENCE
 from websockets.exceptions import ConnectionClosed, InvalidStatus
-from wire import Guest, client
 
 UPGRADE = "Connection: Upgrade\r\nSec-WebSocket-Version: 13\r\nSec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\n"
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import contextlib
 from multiprocessing.connection import Listener
 
-from program import end, running
-from reopening import SOURCE
-from screen import LEAVE, Screen, settings_in
+from tests.browser.reopening import SOURCE
+from tests.browser.screen import LEAVE, Screen, settings_in
+from tests.support.program import end, running
 
 from kalscope_app.program.user_settings import UserSettings
 

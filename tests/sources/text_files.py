@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable
 from itertools import repeat
 from pathlib import Path
 
-from hostile_case import Case
+from tests.support.hostile_case import Case
 
 MIB = 1 << 20
 ROWS = [f"{i / 100:.2f},{20 + i % 7}.5,{i % 5}.25\n" for i in range(200)]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from screen import Screen
+from tests.browser.screen import Screen
 
 LISTEN = """() => { const first = !window.__hand;
     window.__hand = {clicks: 0, keys: 0};

@@ -7,9 +7,8 @@ from datetime import datetime, timedelta
 from random import Random
 
 import numpy as np
-
-from dialects.stamps import Stamps
-from dialects.tables import NAMES, Case, finish
+from tests.sources.dialects.stamps import Stamps
+from tests.sources.dialects.tables import NAMES, Case, finish
 
 STEPS = (20, 50, 100, 1000)
 

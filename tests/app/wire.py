@@ -8,7 +8,7 @@ from typing import Any
 import msgspec
 import viser
 import zstandard
-from waiting import PATIENCE
+from tests.support.waiting import PATIENCE
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection, connect
 from websockets.sync.connection import Connection

@@ -15,8 +15,8 @@ from typing import Any
 
 import numpy as np
 import zstandard
-from hostile_case import Case
-from text_files import PLAIN, READ_ALL, Make, text
+from tests.sources.text_files import PLAIN, READ_ALL, Make, text
+from tests.support.hostile_case import Case
 
 MIB = 1 << 20
 Pack = Callable[[Iterator[bytes]], Iterator[bytes]]

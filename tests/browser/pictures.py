@@ -19,13 +19,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from chromium import CHROMIUM, FLAGS
-from fleet_folder import run_steps
 from PIL import Image
-from program import command, next_line
-from screen import FIND, Screen, dashboard
-from shared_page import SharedPage, shared_page
-from waiting import PATIENCE
+from tests.browser.chromium import CHROMIUM, FLAGS
+from tests.browser.screen import FIND, Screen, dashboard
+from tests.browser.shared_page import SharedPage, shared_page
+from tests.support.fleet_folder import run_steps
+from tests.support.program import command, next_line
+from tests.support.waiting import PATIENCE
 
 from kalscope.estimation.request import Request
 from kalscope.fleet.read import FleetOptions

@@ -11,8 +11,8 @@ from pathlib import Path
 
 import pytest
 import viser
-from waiting import PATIENCE, wait_until
-from wire import Guest
+from tests.app.wire import Guest
+from tests.support.waiting import PATIENCE, wait_until
 
 from kalscope_app.dashboard import Dashboard
 from kalscope_app.guard.server import guarded_server

@@ -6,8 +6,7 @@ from dataclasses import dataclass, field
 from random import Random
 
 import numpy as np
-
-from dialects.stamps import Stamps, make_stamps
+from tests.sources.dialects.stamps import Stamps, make_stamps
 
 NAMES = [
     "temp",

@@ -11,9 +11,9 @@ from random import Random
 from typing import Any
 
 import numpy as np
+from tests.sources.dialects.labelled import make_labelled
+from tests.sources.dialects.tables import Case, make_table
 
-from dialects.labelled import make_labelled
-from dialects.tables import Case, make_table
 from kalscope.errors import KalscopeError
 from kalscope.recording import Recording
 from kalscope.sources.grammar.read_options import ReadOptions, options_from_text

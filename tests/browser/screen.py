@@ -10,8 +10,8 @@ from pathlib import Path
 
 import numpy as np
 from PIL import Image
-from program import end, running
-from waiting import PATIENCE, wait_until
+from tests.support.program import end, running
+from tests.support.waiting import PATIENCE, wait_until
 
 from kalscope_app.program.user_settings import FOLDER_VARIABLE, UserSettings
 

@@ -9,8 +9,8 @@ import sqlite3
 from contextlib import closing
 
 import numpy as np
-from forked import fork_server
-from hostile_case import Seen, in_child
+from tests.support.forked import fork_server
+from tests.support.hostile_case import Seen, in_child
 
 from kalscope.cli.app import run as kalscope
 from kalscope.fleet import work

@@ -7,8 +7,8 @@ from collections.abc import Callable
 from pathlib import Path
 
 import serial
-from board import EEPROM, FLAT_OUT, Firmware, Uno, Workshop, read_lines
-from waiting import PATIENCE
+from tests.support.board import EEPROM, FLAT_OUT, Firmware, Uno, Workshop, read_lines
+from tests.support.waiting import PATIENCE
 
 from kalscope.export.job import ExportJob
 from kalscope.export.targets.arduino import files
