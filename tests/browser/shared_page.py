@@ -63,7 +63,7 @@ def shared_page(browser, folder, own):
     """A page on a program in a folder, whose own files are in another one."""
     address = str(own / "sources")
     env = {**settings_in(own), "TMPDIR": str(own), "XDG_STATE_HOME": str(own)}
-    change = f"import reopening; reopening.connect({address!r})"
+    change = f"from tests.browser import reopening; reopening.connect({address!r})"
     with (
         Listener(address) as sources,
         running(folder, "open", SOURCE, source=None, env=env, change=change) as (program, url),

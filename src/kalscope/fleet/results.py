@@ -23,6 +23,7 @@ import numpy as np
 from kalscope.common.charts import document, markup_of_table
 from kalscope.common.files import atomic_file, write_atomic
 from kalscope.common.numbers import Array, Indices, Mask
+from kalscope.common.progress import OnProgress
 from kalscope.common.text import (
     THIN_SPACE,
     count,
@@ -497,21 +498,30 @@ def read_fleet(folder: Path) -> Fleet:
     return Fleet(folder, devices, shared, read.why_not, read.note)
 
 
-def reopen(name: str, source: str, note: RunNote) -> Recording:
+def reopen(
+    name: str,
+    source: str,
+    note: RunNote,
+    options: ReadOptions | None = None,
+    *,
+    progress: OnProgress | None = None,
+) -> Recording:
     """Read the recording of a row as the fleet read it.
 
     Args:
         name: Of the device.
         source: Where it is, see `Row.source`.
         note: Of the run.
+        options: How to read it; None = as the fleet did.
+        progress: See `read_recording`; a data set has none.
 
     Raises:
         BadFile: it is not where it was when the fleet was read, or cannot be read.
         BadSetting: an option does not suit it.
     """
-    reading, period = note.reading, note.sample_period
+    reading, period = note.reading if options is None else options, note.sample_period
     if not source.startswith("["):
-        return read_recording(_existing(source), reading, sample_period=period)
+        return read_recording(_existing(source), reading, sample_period=period, progress=progress)
     try:
         data_set, paths = json.loads(source)
         pieces = tuple(Piece(_existing(str(path))) for path in paths)
