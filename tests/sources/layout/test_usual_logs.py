@@ -30,6 +30,11 @@ def clock(i, step=10):
     return f"{9 + seconds // 3600:02}:{seconds // 60 % 60:02}:{seconds % 60:02}"
 
 
+def davis(i):
+    hour, half = divmod(i % 48, 2)
+    return f"{(hour + 11) % 12 + 1}:{30 * half:02} {'ap'[hour >= 12]}"
+
+
 def nmea(sentence):
     return f"${sentence}*{reduce(int.__xor__, sentence.encode()):02X}\n"
 
@@ -48,6 +53,31 @@ LOGS = {
     "Python tuples, and blanks": log(
         "0.1 s, value 1 = A; value 2 = B", lambda i: f" ({i / 10:.1f}, {A[i]}, {B[i]} )"
     ),
+    "a dict as Python prints it": log(
+        "0.05 s, temp = A", lambda i: f"{{'ms': {50 * i}, 'temp': {A[i]}, 'ok': True}}"
+    ),
+    "date_time of a shell": log("10 s, temp = A", lambda i: f"2024-03-05_{clock(i)} temp={A[i]}"),
+    "Klipper": log(
+        "1 s, bed: temp = A; bed: pwm = B; nozzle: temp = A; nozzle: pwm = B",
+        lambda i: f"Stats {812.4 + i:.1f}: bed: temp={A[i]} pwm={B[i]} nozzle: temp={A[i]} pwm={B[i]}",
+    ),
+    "syslog, RFC 5424": log(
+        "10 s, temp = A", lambda i: f"<134>1 2024-05-17T{clock(i)}Z pi app 412 - - temp={A[i]}"
+    ),
+    "Rigol, with an increment": log(
+        "1e-05 s, value 1 = A", "X,CH1,Start,Increment\nSequence,Volt,-1e-03,1e-05\n", lambda i: f"{i},{A[i]},"
+    ),
+    "Campbell, minima and means": log(
+        "10 s, batt [V] = A; temp [Deg C] = B",
+        '"TOA5","site"\n"TIMESTAMP","batt","temp"\n"TS","Volts","Deg C"\n"","Min","Avg"\n',
+        lambda i: f'"2024-05-17 {clock(i)}",{A[i]},{B[i]}',
+    ),
+    "ArduPilot": log(
+        "0.04 s, GyrX = A; GyrY = B",
+        "FMT, 129, 31, IMU, Qff, TimeUS,GyrX,GyrY\n",
+        lambda i: f"IMU, {40000 * i + 8123456}, {A[i]}, {B[i]}",
+    ),
+    "Davis": log("1800 s, Temp = A", "Date\tTime\tTemp\n", lambda i: f"5/{17 + i // 48}/24\t{davis(i)}\t{A[i]}"),
     "Julian dates": log("1080 s, mag = A", "HJD,mag\n", lambda i: f"{2455000.5 + i / 80:.4f},{A[i]}"),
     "HoboWare text": log(
         "10 s, Temp. [°C] = A",

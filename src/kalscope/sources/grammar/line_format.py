@@ -35,8 +35,12 @@ def load_json(text: str) -> Any:
 def find_object(line: str) -> list[tuple[str, str]] | None:
     """The values of an object with their full names; None for any other line.
 
-    `{"t": 1, "imu": {"acc": [0.1, 9.8]}}` holds t, imu.acc[0] and imu.acc[1].
+    `{"t": 1, "imu": {"acc": [0.1, 9.8]}}` holds t, imu.acc[0] and imu.acc[1]; `{'t': 1}` is how Python prints one.
     """
+    if line.lstrip().startswith("{'"):
+        line = (
+            line.replace("'", '"').replace(" None", " null").replace(" True", " true").replace(" False", " false")
+        )
     try:
         value = load_json(line)
     except ValueError:
@@ -160,7 +164,17 @@ def _pairs(text: str, mark: str) -> Pairs | None:
             return None
         pairs += [(label if n == 1 else f"{label} {n}", value.strip('"')) for n, value in enumerate(values, 1)]
         label = " ".join(rest + begin)
-    return pairs or None
+    return _with_sections(pairs) if len(dict(pairs)) < len(pairs) else pairs or None
+
+
+def _with_sections(pairs: Pairs) -> Pairs:
+    """`bed: temp=60 pwm=0.2 nozzle: temp=210 pwm=0.3` names the bed's pwm and the nozzle's."""
+    section, named = "", Pairs()
+    for label, value in pairs:
+        before, colon, name = label.rpartition(": ")
+        section = before + colon or section
+        named.append((section + name, value))
+    return named
 
 
 def _leading_values(words: list[str]) -> tuple[list[str], list[str]]:
@@ -223,7 +237,7 @@ _MAX_SAMPLES = 1024
 """Samples that one line of Teleplot may hold."""
 _STAMP_REACH = 24  # the first colon of a clock after a date
 _STAMP = (
-    r"((?:[0-9]{1,4}[-/.][0-9]{1,2}[-/.][0-9]{1,4}[T ])?"
+    r"((?:[0-9]{1,4}[-/.][0-9]{1,2}[-/.][0-9]{1,4}[T _])?"
     r"[0-9]{1,2}:[0-9]{2}:[0-9]{2}(?:[.,][0-9]{1,9}(?:,[0-9]{3})?)?)"
 )
 # The Arduino IDE writes "->", PlatformIO's monitor ">", screen and grabserial " - ", others brackets or ": ".
@@ -240,11 +254,11 @@ _BARE_STAMP = re.compile(
 )
 """A stamp followed by nothing but blanks, before a label."""
 _COUNTED = re.compile(
-    r"(?:[\[(][ ]{0,12}([0-9]{1,14}(?:\.[0-9]{1,9})?(?:[mµu]?s)?)[\])]|[EWIDV] \(([0-9]{1,14})\) [^\s:]{1,40}:)"
-    r"[ \t](.*)",
+    r"(?:[\[(][ ]{0,12}([0-9]{1,14}(?:\.[0-9]{1,9})?(?:[mµu]?s)?)[\])]|[EWIDV] \(([0-9]{1,14})\) [^\s:]{1,40}:"
+    r"|Stats ([0-9]{1,14}\.[0-9]{1,3}):)[ \t](.*)",
     re.DOTALL,
 )
-"""What a kernel and an ESP32 write before a line: `[   12.345]`, `I (12345) sensor:`."""
+"""What a kernel, an ESP32 and Klipper write before a line: `[   12.345]`, `I (12345) sensor:`, `Stats 812.4:`."""
 _SYSLOG = re.compile(
     r"(?:[A-Z][a-z]{2} [ 0-9]?[0-9]|[0-9]{2}-[0-9]{2}) ([0-9]{2}:[0-9]{2}:[0-9]{2}(?:\.[0-9]{1,9})?)"
     r"(?: {1,8}[^\s:]{1,64}){2,4} {0,24}: (.*)",
@@ -252,6 +266,10 @@ _SYSLOG = re.compile(
 )
 """What syslog, journalctl and Android write before a line: `May 17 09:30:00 host sensor[612]: `,
 `05-17 09:30:00.123  612  640 D Sensor: `; the date has no year."""
+_RFC5424 = re.compile(
+    rf"<[0-9]{{1,3}}>1 ({_STAMP[1:-1]}{_ZONE})(?: [^\s]{{1,255}}){{4}} (?:-|\[[^\]]{{0,400}}\]) (.*)", re.DOTALL
+)
+"""What syslog writes before a line in the form of RFC 5424: `<134>1 2024-05-17T09:30:00Z host app 412 - - `."""
 _HEXADECIMAL = frozenset(hexdigits)
 _DIGITS_OR_BLANKS = frozenset("0123456789 \t")
 _TELEPLOT = re.compile(r"\s*>([^:>|§]{1,200}):([^|§]*)(?:§([^|]*))?(?:\|(.*))?\s*", re.DOTALL)
@@ -321,7 +339,8 @@ def split_teleplot(line: str) -> Teleplot | None:
 
 def split_stamp(line: str) -> tuple[str, str] | None:
     """(`12:00:00.023`, rest) of a line before which a serial monitor wrote its stamp; None for any other line."""
-    match = line.startswith(("[", "(", "I (", "D (", "W (", "E (", "V (")) and _COUNTED.fullmatch(line)
+    match = line.startswith(("[", "(", "I (", "D (", "W (", "E (", "V (", "Stats ")) and _COUNTED.fullmatch(line)
+    match = match or (line[:1] == "<" and _RFC5424.fullmatch(line))
     match = match or (":" in line[:_STAMP_REACH] and _LINE_STAMP.fullmatch(line))
     match = match or (" " in line[3:6:2] and _SYSLOG.fullmatch(line))
     if match:

@@ -65,7 +65,8 @@ MAX_STAMP_LENGTH = 64
 """A longer cell is not a stamp."""
 
 _CLOCK_TEXT = (
-    r"([0-9]{1,2})([:.])([0-9]{1,2})(?:([:.])([0-9]{1,2})(?:([.,:])([0-9]{1,9}))?)?(?: {0,2}([AaPp])\.? ?[Mm]\.?)?"
+    r"([0-9]{1,2})([:.])([0-9]{1,2})(?:([:.])([0-9]{1,2})(?:([.,:])([0-9]{1,9}))?)?"
+    r"(?: {0,2}([AaPp])(?:\.? ?[Mm])?\.?)?"
 )
 """The pattern of a time of day. Groups: hour, mark, minute, mark, second, mark, fraction, letter of AM or PM."""
 

@@ -153,6 +153,8 @@ _FOREIGN = {
 }
 """How the first line of a text begins that is no table, although its lines may hold numbers."""
 
+_HEXADECIMAL = re.compile(r"\b0[xX][0-9A-Fa-f]")
+
 
 def refuse_foreign(name: str, lines: Sequence[str]) -> None:
     """Raise BadFile where a text begins as a web page, an XML document or frames of a bus."""
@@ -197,9 +199,11 @@ def no_table(name: str, lines: Sequence[str], options: ReadOptions) -> BadFile:
 def no_channel(name: str, lines: Sequence[str]) -> BadFile:
     """The refusal of a table that has only a time."""
     last = next((line.strip() for line in reversed(lines) if not is_blank(line) and not is_comment(line)), "")
+    instead = "try --decimal, or --time-column none where the time is the signal"
+    if _HEXADECIMAL.search(last):
+        instead = "write its hexadecimal numbers as decimals"
     return BadFile(
-        f"{name} must hold a column of numbers besides the time (got only text, as in {_quoted(last)}): try"
-        " --decimal, or --time-column none where the time is the signal"
+        f"{name} must hold a column of numbers besides the time (got only text, as in {_quoted(last)}): {instead}"
     )
 
 

@@ -422,6 +422,8 @@ _KEYS = _NAMES | words(
 """Names of a column that says which sensor a row is of, beside its values."""
 _MIN_ROWS, _MIN_KEYED_ROWS = 4, 12
 _MAX_KEYS = 64
+_MAX_UNEVEN = 4
+"""How much more often than another a code of a sensor may occur."""
 _MIN_CHANGES, _MIN_IN_TURN = 0.2, 0.8
 """Share of the rows that are of another sensor than the row before, and of those in a strict turn."""
 
@@ -477,6 +479,9 @@ def _is_key(index: int, columns: list[Column], bases: list[str], rows: list[Cell
     count = len(set(keys))
     if is_date or any(map(is_stamp, keys[:4])) or "" in keys or not 2 <= count <= min(_MAX_KEYS, len(rows) // 4):
         return False
+    shares = Counter(keys).values()
+    if is_code and max(shares) > _MAX_UNEVEN * min(shares):
+        return False  # a quantity has rare values
     changes = sum(a != b for a, b in pairwise(keys)) / len(keys)
     in_turn = sum(a == b for a, b in zip(keys, keys[count:], strict=False)) / (len(keys) - count)
     return changes >= _MIN_CHANGES if named else min(changes, in_turn) >= _MIN_IN_TURN

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import zip_longest
 
 from kalscope.common.text import duration
 from kalscope.sources.grammar.cells import (
@@ -114,19 +115,26 @@ def _stated_rate(head: Sequence[str]) -> Preface | None:
     A key that repeats on each line is a value of each row, such as `dt: 12` from a board.
     """
     found: list[tuple[float, str]] = []
-    for before, line in zip(["", *head], head[:_MAX_LINES], strict=False):
+    for before, line, after in zip(["", *head], head[:_MAX_LINES], [*head[1:], ""], strict=False):
         above = before[:_MAX_LENGTH].rstrip()
         start = above if above.endswith(":") else ""  # LabVIEW: `dt:` above its value
         text = f"{start} {line[:_MAX_LENGTH]}".strip(" \t\r\"',;").lower().replace("_", " ")
         if not is_comment(line) and NUMBER["."].match(text):
             break
         if sum(map(text.count, ",;|\t")) < _MAX_PARTS:
+            text += _below_names(above.lower(), line, after)
             found += [setting for match in _STATED.finditer(text) if (setting := _period(match))]
     if not 0 < len(found) < 3 or len({period for period, _ in found}) > 1:
         return None
     period, key = found[0]
     said = f'"{key}" above the table gives a sample interval of {duration(period)}'
     return Preface(period=period, notes=(said,))
+
+
+def _below_names(above: str, line: str, after: str) -> str:
+    """`,increment:1e-05` of `X,CH1,Increment` above `Sequence,Volt,1e-05` of a Rigol, with no such cell below."""
+    cells = zip_longest(*(split_fields(text[:_MAX_LENGTH], ",") for text in (above, line, after)), fillvalue="")
+    return "".join(f",{name}:{value}" for name, value, more in cells if name and is_number(value) and not more)
 
 
 def _period(match: re.Match[str]) -> tuple[float, str] | None:

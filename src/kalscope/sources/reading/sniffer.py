@@ -192,6 +192,13 @@ def _listed(settings: dict[str, str], table: HeadTable, body: Body) -> tuple[Cel
     return found.get(False, ()), found.get(True, ())
 
 
+def _declared(head: Sequence[str], body: Body) -> Cells:
+    """Names from `FMT, 129, 31, IMU, Qff, TimeUS,GyrX,GyrY` of ArduPilot, for rows that begin with IMU."""
+    kind = body.rows[0][1][0]
+    formats = (split_fields(line, ",") for line in head if line.startswith("FMT,"))
+    return next(((kind, *cells[5:]) for cells in formats if cells[3:4] == [kind]), ())
+
+
 def join_quoted(head: Sequence[str]) -> list[str]:
     """The lines, with quoted names that span lines joined into the last of them, and those above left empty.
 
@@ -213,8 +220,10 @@ def read_header(head: Sequence[str], settings: dict[str, str], table: HeadTable,
     above, first = _find(head, table, body, plan)
     spare = table.form.delimiter != " "  # `seconds pressure` below a sentence are names themselves
     level = (len(row[1]) <= len(upper[1]) + spare for row, upper in pairwise(above))
-    place = next((i for i, fits in enumerate(level) if fits and are_units(above[i][1])), -1)
     said = [{cell.lower() for cell in cells} for _, cells in above]
+    places = [i for i, fits in enumerate(level) if fits and are_units(above[i][1])]
+    # `,,Min,Avg` of Campbell below the units: minima, not minutes.
+    place = next((i for i in places if not said[i] - {""} <= _PROCESSING), min(places, default=-1))
     # `Unix,CAL,CAL` above the units only says what was done to each column; `5s 15s 20d` of the USGS are widths.
     idle = [
         2 * len(found & _PROCESSING) >= len(found) or all(cell[:1].isdecimal() for cell in found) for found in said
@@ -225,6 +234,7 @@ def read_header(head: Sequence[str], settings: dict[str, str], table: HeadTable,
     if plan.options.unit_row is not None:
         unit_row = _row(head, plan.options.unit_row, table)
     listed, listed_units = _listed(settings, table, body)
+    listed = listed or _declared(head, body)
     names, notes, columns = listed, ["no header line"], [Column("")] * table.width
     if rows:
         columns, notes = _named(rows[-1], table, body)
