@@ -3,15 +3,8 @@
 from __future__ import annotations
 
 import json
-import os
-import random
-import signal
-import subprocess
-import sys
-import time
 
 import pytest
-from tests.support.waiting import wait_until
 
 from kalscope import BadSetting, ChannelTuning, Tuning, export_tuning, load_tuning, save_tuning
 from kalscope.cli import app as cli
@@ -77,8 +70,6 @@ def test_q_is_carried_over_to_the_period_of_the_device(tuning_file, capfd):
     assert document["channels"][0]["found"] == "at 0.01 s: by hand; q times 4"
     assert cli.run([*command, "0.01"]) == 0
     assert capfd.readouterr().out == export_tuning(load_tuning(tuning_file), "json")["kalscope_parameters.json"]
-    assert cli.run([*command, "0"]) == 2
-    assert capfd.readouterr().err == "kalscope: --sample-period must be a number above 0 (got '0')\n"
 
 
 def test_a_channel_left_out_is_neither_rescaled_nor_refused(tmp_path, capfd):
@@ -106,16 +97,6 @@ def test_vectors_of_a_recording_come_along_and_another_sample_period_is_said(tun
     assert len(rows) == 51
 
 
-def test_a_sketch_beside_its_folder_is_said(tmp_path, capfd):
-    path = tmp_path / "tuning.toml"
-    save_tuning(Tuning((ChannelTuning("raw", "", 0.01, 0.25),)), path)
-    for folder, notes in (("firmware", 1), ("kalscope_filter", 0)):
-        out = tmp_path / folder
-        assert cli.run(["export", str(path), "--to", "arduino", "-o", str(out)]) == 0
-        assert sorted(contents(out)) == ["KalscopeFilter.h", "kalscope_filter.ino"]
-        assert capfd.readouterr().err.count("opens a sketch only from a folder of its name") == notes
-
-
 def test_where_one_file_cannot_be_written_none_is(tmp_path):
     (tmp_path / "a.txt").write_text("mine")
     (tmp_path / "c.txt").mkdir()
@@ -125,25 +106,6 @@ def test_where_one_file_cannot_be_written_none_is(tmp_path):
     assert (tmp_path / "a.txt").read_text() == "mine"
     assert not any((tmp_path / "sub").iterdir())
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a.txt", "c.txt", "sub"]
-
-
-@pytest.mark.parametrize(
-    ("arguments", "said"),
-    [
-        (["--to", "cobol"], "target must be one of arduino, c,"),
-        (["--to", "json", "--channel", "unknown"], "channel must be one of raw, ../x"),
-        (["--to", "json", "--vectors", "demo"], "--vectors needs -o"),
-        ([], "Missing option"),
-    ],
-)
-def test_a_mistake_is_one_line_and_status_2(tuning_file, capfd, arguments, said, monkeypatch):
-    monkeypatch.chdir(tuning_file.parent)
-    assert cli.run(["export", str(tuning_file), *arguments]) == 2
-    shown = capfd.readouterr()
-    assert said in shown.err
-    assert shown.err.count("\n") == 1
-    assert shown.out == ""
-    assert not (tuning_file.parent / "out").exists()
 
 
 def test_the_list_explains_every_target(capfd):
@@ -164,33 +126,3 @@ def test_no_name_leaves_the_folder(tmp_path):
         write_files({"link.txt": "a"}, folder, force=True)
     assert [path.name for path in folder.iterdir()] == ["link.txt"]
     assert not (tmp_path / "elsewhere.txt").exists()
-
-
-ENDLESS = """\
-import sys
-from pathlib import Path
-from kalscope.export.registry import write_files
-files = [{f"{i}.txt": f"{turn} " * 200_000 for i in range(3)} for turn in ("old", "new")]
-print("ready", flush=True)
-while True:
-    for texts in files:
-        write_files(texts, Path(sys.argv[1]), force=True)
-"""
-
-
-@pytest.mark.skipif(os.name == "nt", reason="there is no kill -9")
-def test_a_kill_leaves_whole_files(tmp_path):
-    whole = {"old " * 200_000, "new " * 200_000}
-    rng = random.Random(5)
-    for turn in range(4):
-        command = [sys.executable, "-c", ENDLESS, str(tmp_path)]
-        with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as child:
-            assert child.stdout.readline() == "ready\n"
-            if turn == 3:
-                wait_until(lambda: len([*tmp_path.glob("[012].txt")]) == 3, "all three files")
-            time.sleep(0.02 + rng.random() * 0.1)
-            child.send_signal(signal.SIGKILL)
-        for path in tmp_path.glob("*.txt"):
-            if not path.name.startswith("."):
-                assert path.read_text() in whole
-    assert {path.name for path in tmp_path.glob("*.txt")} == {"0.txt", "1.txt", "2.txt"}

@@ -1,4 +1,4 @@
-"""`kalscope record` as a process of its own, on a pseudo-terminal that streams: its files, its end, its kills."""
+"""`kalscope record` as a process of its own: of a pseudo-terminal and of the network; its files, end and kills."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from statistics import median
 
+import numpy as np
 import pytest
 from tests.cli.terminal import link_to
 from tests.support.effort import FUZZ
 from tests.support.forked import Forked
-from tests.support.program import command
+from tests.support.program import command, free_port
 from tests.support.waiting import PATIENCE, wait_until
 
-from kalscope.cli.app import run
 from kalscope.sources.reading.recording_file import read_recording
 
 pytest.importorskip("termios", reason="there are no pseudo-terminals here")
@@ -212,25 +212,6 @@ def test_lines_that_the_disk_refused_end_in_status_1(tmp_path):
     assert path.read_bytes().endswith(b"\n")
 
 
-@pytest.mark.parametrize(
-    ("options", "says"),
-    [
-        ("/dev/none -o run.csv", "kalscope: "),
-        ("/dev/none -o run.csv --seconds -1", "--seconds must be a number above 0 (got '-1')"),
-        ("/dev/none -o run.csv --lines many", "--lines must be a number above 0 (got 'many')"),
-        ("/dev/none@fast -o run.csv", "baud rate must be a whole number"),
-        ("/dev/none -o .", "a recording must be a file"),
-        ("/dev/none --output=", "a recording must be a file"),
-    ],
-)
-def test_a_mistake_is_one_line_and_status_2_and_makes_no_file(tmp_path, capsys, monkeypatch, options, says):
-    monkeypatch.chdir(tmp_path)
-    assert run(["record", *options.split()]) == 2
-    (line,) = capsys.readouterr().err.splitlines()
-    assert says in line
-    assert os.listdir(tmp_path) == []
-
-
 def test_killed_at_any_moment_it_loses_a_quarter_of_a_second_at_most_and_invents_nothing(tmp_path):
     rate, moments, lost = 1000, random.Random(5), list[int]()
     with Board(rate) as board:
@@ -247,3 +228,25 @@ def test_killed_at_any_moment_it_loses_a_quarter_of_a_second_at_most_and_invents
             lost.append(received - 1 - rows[-1][1])
             assert len(read_recording(path)) == len(rows)
     assert median(lost) <= rate / 4  # a busy machine may hold the program up between a read and its write
+
+
+def test_datagrams_are_recorded_and_the_recording_opens_again(tmp_path):
+    path, port = tmp_path / "run.csv", free_port(socket.SOCK_DGRAM)
+    with (
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as board,
+        command("record", f"udp://:{port}", "-o", path) as process,
+    ):
+        wait_until(lambda: path.exists() or process.returncode is not None, "the recording")
+        for i in range(500):
+            board.sendto(b"temp:%d:%d|g\nhum:%d:%d\nstate:ok|t" % (10 * i, i, 10 * i, -i), ("127.0.0.1", port))
+            time.sleep(0.001)
+        wait_until(lambda: b",-499\n" in path.read_bytes(), "the last line")
+        process.send_signal(signal.SIGTERM)
+        out, err = process.communicate(timeout=PATIENCE)
+    assert process.returncode == 0, err
+    assert "received 1000 lines = 1000 written + 0 rejected + 0 dropped; 500 others" in out
+    assert f"# source: udp://:{port}" in path.read_text()
+    again = read_recording(path)
+    for name, sign in (("temp", 1), ("hum", -1)):
+        values = again.channel(name)
+        np.testing.assert_array_equal(values[np.isfinite(values)], sign * np.arange(500))

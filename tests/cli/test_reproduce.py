@@ -1,9 +1,10 @@
-"""`kalscope reproduce`: the command end to end, the page and its parts."""
+"""`kalscope reproduce`: the command end to end, the page, its parts and its charts."""
 
 from __future__ import annotations
 
 import json
 import re
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from xml.etree import ElementTree
 
@@ -29,13 +30,6 @@ def reproduced(tmp_path_factory):
         out, err = program.communicate(timeout=PATIENCE)
     assert (program.returncode, err) == (0, "")
     return folder, out
-
-
-@pytest.fixture(scope="module")
-def again():
-    """A second run, in this process, and the progress it told."""
-    told = []
-    return reproduction.reproduce(progress=lambda fraction, text: told.append((fraction, text))), told
 
 
 def test_results_hold_table_1_and_every_check(reproduced):
@@ -83,15 +77,8 @@ def test_every_picture_is_well_formed_and_inside_its_frame(reproduced):
 
 
 @pytest.mark.slow
-def test_a_second_run_gives_the_same_bytes(reproduced, again):
-    done, _ = again
-    assert (reproduced[0] / "index.html").read_bytes() == done.html.encode()
-    assert (reproduced[0] / "results.json").read_bytes() == done.json.encode()
-
-
-@pytest.mark.slow
-def test_a_number_outside_its_tolerance_is_status_1_and_one_line(tmp_path, monkeypatch, capsys, again):
-    first, *others = again[0].chapters
+def test_a_number_outside_its_tolerance_is_status_1_and_one_line(tmp_path, monkeypatch, capsys):
+    first, *others = reproduction.reproduce().chapters
     missed = [replace(one, tolerance=1e-6) if one.name.startswith("Table 1") else one for one in first.checks]
     chapters = replace(first, checks=tuple(missed)), *others
     pages = reproduction.maarif_2019, reproduction.khan, reproduction.interactive_matter_2009
@@ -109,42 +96,6 @@ def test_a_number_outside_its_tolerance_is_status_1_and_one_line(tmp_path, monke
     assert "Numbers outside their tolerance, of 36" in (tmp_path / "index.html").read_text(encoding="utf-8")
 
 
-@pytest.mark.parametrize(
-    ("arguments", "says"),
-    [
-        ([], "Missing option '-o'"),
-        (["-o", "FILE"], "must go to a folder"),
-        (["-o", "FILE/below"], "FILE"),
-        (["-o", "x", "--fast"], "--fast"),
-    ],
-)
-def test_a_mistake_of_the_user_is_status_2_and_one_line(tmp_path, capsys, monkeypatch, arguments, says):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "FILE").write_text("")
-    monkeypatch.setattr(reproduction, "reproduce", lambda *_, **__: pytest.fail("must not start"))
-    assert cli.run(["reproduce", *arguments]) == 2
-    err = capsys.readouterr().err
-    assert err.count("\n") == 1
-    assert says in err
-
-
-@pytest.mark.slow
-def test_progress_is_told_in_rising_fractions(again):
-    _, told = again
-    fractions = [fraction for fraction, _ in told]
-    assert fractions == sorted(fractions)
-    assert 0.0 <= fractions[0] <= fractions[-1] < 1.0
-    assert all(text for _, text in told)
-
-
-def test_a_check_knows_absolute_and_relative_tolerance_and_nan():
-    assert Check("a", 1.01, 1.0, 0.02).passed
-    assert Check("a", 98.0, 100.0, 0.02, relative=True).passed
-    assert not Check("a", 97.9, 100.0, 0.02, relative=True).passed
-    assert not Check("a", float("nan"), 0.0, 1e9).passed
-    assert str(Check("mean", 3.0, 2.0, 0.02, relative=True)) == "mean must be 2 within 2 % (got 3)"
-
-
 def test_the_page_escapes_every_word():
     evil = '<script>alert(1)</script>&"'
     svg = draw_svg([Panel(evil, (Line([0, 1], [0, 1], evil, "s1"),), evil, evil)], evil)
@@ -154,3 +105,23 @@ def test_the_page_escapes_every_word():
     html = page([chapter], evil)
     assert "<script" not in html
     assert Page(html).open == []
+
+
+def chart(name="µ $x^2$ 温度"):
+    t = np.linspace(0.0, 1.0, 50)
+    lines = (Line(t, np.sin(9 * t), "raw", "raw"), Line(t, np.cos(9 * t), name, "s2"))
+    return draw_svg([Panel(name, lines, name, name)] * 2, name, columns=2)
+
+
+@pytest.mark.slow
+def test_threads_draw_the_same_bytes_and_leave_the_settings_alone():
+    import matplotlib
+
+    expected = chart()
+    with matplotlib.rc_context(
+        {"svg.fonttype": "path", "font.size": 40, "axes.grid": False, "text.parse_math": True}
+    ):
+        before = dict(matplotlib.rcParams)
+        with ThreadPoolExecutor(4) as threads:
+            assert set(threads.map(lambda _: chart(), range(4))) == {expected}
+        assert dict(matplotlib.rcParams) == before

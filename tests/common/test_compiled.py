@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import importlib
 import os
 import pickle
-import pkgutil
 import subprocess
 import sys
 import threading
@@ -14,22 +12,9 @@ from functools import partial
 import numpy as np
 import pytest
 
-import kalscope
 from kalscope.common import compiled
-from kalscope.common.compiled import Compiled, Compiling
+from kalscope.common.compiled import Compiling
 from kalscope.filtering import kernels
-
-
-def loops():
-    """Every compiled loop of the package, by its full name."""
-    names = [one.name for one in pkgutil.walk_packages(kalscope.__path__, "kalscope.")]
-    modules = [importlib.import_module(name) for name in names if name.endswith("kernels")]
-    return {
-        f"{one.__module__}.{one.__name__}": one
-        for module in modules
-        for one in vars(module).values()
-        if isinstance(one, Compiled)
-    }
 
 
 def plainly(loop, *args):
@@ -42,14 +27,6 @@ def bits(value):
     if isinstance(value, tuple):
         return tuple(map(bits, value))
     return type(value), value.hex() if isinstance(value, float) else value
-
-
-def test_only_loops_that_cannot_differ_run_as_plain_python():
-    plain = {name: loop for name, loop in loops().items() if loop.may_be_plain}
-    assert {name.rpartition(".")[2] for name in plain} >= {"step", "filter_rows"}
-    for name, loop in plain.items():
-        assert (loop.options["fastmath"], loop.options["error_model"]) == (False, "python"), name
-    assert len(loops()) > 40
 
 
 def records():

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from datetime import date
 
 import numpy as np
@@ -146,20 +145,6 @@ def test_recordings_that_number_their_rows_stay_apart(tmp_path):
     assert [unit.id for unit in find_units([str(tmp_path)], tmp_path / "out")] == ["a.parquet", "b.parquet"]
 
 
-def test_numbers_as_ids_dictionaries_and_missing_statistics(tmp_path):
-    series = {str(i): one for i, one in enumerate(fleet().values())}
-    table = long_table(series)
-    numbers = table.set_column(0, "id", table["id"].cast(pa.int32()))
-    for name, one, options in (
-        ("int", numbers, {}),
-        ("dictionary", table.set_column(0, "id", table["id"].dictionary_encode()), {}),
-        ("bare", table, {"write_statistics": False}),
-    ):
-        (tmp_path / name).mkdir()
-        pq.write_table(one, tmp_path / name / "x.parquet", row_group_size=50, **options)
-        assert equal(read(tmp_path / name), series), name
-
-
 def test_the_rate_comes_from_the_stamps_whatever_their_form(tmp_path):
     series = fleet(3)
     time = np.concatenate([one for one, _ in series.values()])
@@ -220,18 +205,6 @@ def test_the_compiled_way_gives_the_rows_and_the_pool_of_the_way_of_a_file(tmp_p
     assert quick.pool.sums == pytest.approx(slow.pool.sums, rel=1e-9)
 
 
-def test_columns_beside_id_and_time_are_channels(tmp_path):
-    series = fleet(2)
-    more = -np.concatenate([value for _, value in series.values()])
-    pq.write_table(long_table(series, **{"hum (%)": more}), tmp_path / "x.parquet")
-    found = read(tmp_path)
-    assert {channel for _, channel in found} == {"value", "hum"}
-    assert np.array_equal(found["dev00", "hum"][0], -found["dev00", "value"][0])
-    (unit,) = find_units([str(tmp_path)], tmp_path / "out")
-    for options, channels in (({"every": True}, {"value", "hum"}), ({"channel": "hum"}, {"hum"})):
-        assert {row.channel for row in fit_unit(unit, FleetOptions(PLAIN, **options)).rows} == channels
-
-
 def test_whole_numbers_that_no_double_holds_keep_their_digits(tmp_path):
     stamps = 1_700_000_000_000_000_001 + np.arange(40) * 10_000_000
     values = np.append(np.arange(39), 2**60 + 1)
@@ -260,17 +233,6 @@ def test_ids_of_two_types_are_refused(tmp_path):
     ((name, reason),) = reasons(tmp_path).items()
     assert name == tmp_path.name
     assert "must be of one type in all files (got int and str)" in reason
-
-
-@pytest.mark.parametrize("ids", [[b"a", b"b"], [1.0, 2.5], [True, False], [np.datetime64("2024-05-01", "us")] * 2])
-def test_a_series_is_found_again_by_its_name_of_any_type(tmp_path, ids):
-    column = pa.array([one for one in ids for _ in range(40)])
-    table = pa.table({"id": column, "time": np.tile(np.arange(40) / 100, 2), "value": np.arange(80.0)})
-    pq.write_table(table, tmp_path / "a.parquet")
-    for unit in find_units([str(tmp_path)], tmp_path / "out"):
-        for name in read_block(unit, ReadOptions()).ids:
-            whole = replace(unit, span=None)
-            assert len(read_block(whole, ReadOptions(), name).recording(0, ReadOptions(), None)) % 40 == 0
 
 
 def test_a_worker_of_another_version_is_refused(tmp_path):

@@ -132,7 +132,7 @@ def workers_of(driver):
 
 
 @pytest.mark.slow
-def test_a_killed_worker_a_second_run_and_ctrl_c_change_nothing(
+def test_a_killed_worker_another_run_and_ctrl_c_change_nothing(
     tmp_path, devices, whole, at_once, capsys, monkeypatch
 ):
     (tmp_path / "tmp").mkdir()

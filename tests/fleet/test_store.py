@@ -1,20 +1,25 @@
-"""The database of a fleet: one run at a time, whole batches, and the merged table."""
+"""The folder of a fleet: its database, whole batches, one run at a time, and no file of the user overwritten."""
 
 from __future__ import annotations
 
 import random
+import sqlite3
 import subprocess
 import sys
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.fleet.fleet_runs import PLAIN, files_of, run_here, write_devices
 from tests.support.effort import FUZZ
 
 from kalscope.errors import BadFile, BadSetting
 from kalscope.estimation.many import series_of
 from kalscope.estimation.pool import WIDTH, Pool, pool_of
-from kalscope.fleet.store import Row, Stored, open_store, stored
+from kalscope.fleet.store import STORE, TUNING, Row, Store, Stored, open_store, stored
+from kalscope.tuning.file import load_tuning, save_tuning
+from kalscope.tuning.tuning import ChannelTuning, Tuning
 
 
 def rows_of(key, n=2):
@@ -81,12 +86,6 @@ def test_a_file_is_no_folder_of_results(tmp_path):
         pass
 
 
-def test_a_name_that_is_no_utf_8_does_not_end_a_run(tmp_path):
-    with open_store(tmp_path) as store:
-        store.keep([stored("k", [Row("a", source="/logs/\udcff.csv")], Pool.empty())])
-        assert store.merged(["k"])[0]["source"].to_pylist() == ["/logs/\\udcff.csv"]
-
-
 def test_a_database_that_cannot_be_opened_is_not_called_that_of_somebody_else(tmp_path):
     (tmp_path / "units.sqlite").mkdir()
     with pytest.raises(PermissionError, match="unable to open database file"), open_store(tmp_path):
@@ -103,3 +102,71 @@ def test_units_of_somebody_else_are_refused_with_one_line(tmp_path, rows):
             store.keep([Stored("k", True, rows, pool)])
             with pytest.raises(BadFile, match="must hold the units of a fleet"):
                 store.merged(["k"])
+
+
+OWN = Tuning((ChannelTuning("mine", "", 1.0, 2.0),), source_name="fleet of 2")
+
+
+@pytest.fixture
+def fleet(tmp_path, at_once, capsys):
+    """Two devices, and the folder of their results."""
+    write_devices(tmp_path / "logs", 2)
+    return tmp_path / "logs", tmp_path / "out"
+
+
+@pytest.mark.parametrize("name", ["units.sqlite", "fleet.json", "fleet.parquet", "tuning.toml"])
+def test_a_folder_with_a_file_of_that_name_is_refused_before_the_run(fleet, capsys, name):
+    logs, out = fleet
+    out.mkdir()
+    (out / name).write_text("mine")
+    refused = run_here(capsys, logs, "-o", out, *PLAIN, expect=2)
+    assert refused.err.startswith("kalscope: -o must name a ")
+    assert name in refused.err
+    assert (out / name).read_text() == "mine"
+    assert files_of(out) == {name}
+
+
+@pytest.mark.slow
+def test_a_tuning_of_the_user_is_kept_and_named(fleet, capsys):
+    logs, out = fleet
+    run_here(capsys, logs, "-o", out, *PLAIN)
+    save_tuning(OWN, out / TUNING)
+    refused = run_here(capsys, logs, "-o", out, "--lag-ms", "50", expect=2)
+    assert refused.err == (
+        f"kalscope: -o must name a folder without a {TUNING} of your own (got {str(out / TUNING)!r}, which no fleet"
+        " wrote or which was changed since): move it and run the same command again\n"
+    )
+    assert load_tuning(out / TUNING).channels == OWN.channels
+    (out / TUNING).rename(out / "mine.toml")
+    run_here(capsys, logs, "-o", out, "--lag-ms", "50")
+    assert "lag of 50 ms" in load_tuning(out / TUNING).channels[0].how
+
+
+@pytest.mark.slow
+def test_the_own_tuning_is_known_whatever_died(fleet, capsys):
+    logs, out = fleet
+    run_here(capsys, logs, "-o", out, *PLAIN)
+    first = (out / TUNING).read_text()
+    run_here(capsys, logs, "-o", out, "--lag-ms", "50")
+    (out / TUNING).write_text(first)  # as a kill before the last file leaves it
+    run_here(capsys, logs, "-o", out, "--lag-ms", "50")
+    assert "lag of 50 ms" in load_tuning(out / TUNING).channels[0].how
+
+
+def test_a_tuning_that_the_user_saves_during_the_run_is_kept(fleet, capsys, monkeypatch):
+    logs, out = fleet
+    run_here(capsys, logs, "-o", out, *PLAIN)
+    settled = Store.settled
+    monkeypatch.setattr(Store, "settled", lambda store: save_tuning(OWN, out / TUNING) or settled(store))
+    assert "of your own" in run_here(capsys, logs, "-o", out, *PLAIN, expect=2).err
+    assert load_tuning(out / TUNING).channels == OWN.channels
+
+
+def test_a_database_of_another_program_is_kept(fleet, capsys):
+    logs, out = fleet
+    out.mkdir()
+    with closing(sqlite3.connect(out / STORE)) as other, other:
+        other.execute("CREATE TABLE mine (x)")
+    before = (out / STORE).read_bytes()
+    assert f"whose {STORE} no fleet wrote" in run_here(capsys, logs, "-o", out, *PLAIN, expect=2).err
+    assert (out / STORE).read_bytes() == before

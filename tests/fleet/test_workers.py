@@ -1,26 +1,46 @@
-"""How a run begins, reports and ends on its workers."""
+"""Workers: how a run begins, reports and ends on them, and that each unit is done once whatever dies."""
 
 from __future__ import annotations
 
 import os
+import random
 import signal
 import subprocess
 import sys
+import tempfile
 import time
+from pathlib import Path
 from types import SimpleNamespace
 
 import dask.system
 import distributed.system
+import msgspec
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from tests.fleet.fleet_runs import PLAIN, run_here, table, write_devices
 from tests.support.program import command, end, next_line
 from tests.support.waiting import wait_until
 
 from kalscope.cli.fleet import progress_text
 from kalscope.common.stopping import stop_signals
+from kalscope.estimation.pool import Pool
+from kalscope.estimation.request import Request
 from kalscope.fleet import work
-from kalscope.fleet.results import Tally
-from kalscope.fleet.run import without_interrupts, workers_here
+from kalscope.fleet.read import FleetOptions, Piece, Unit
+from kalscope.fleet.run import (
+    BATCHES,
+    MAX_BATCH_BYTES,
+    MIN_BATCH_BYTES,
+    Tally,
+    WorkerDied,
+    _Run,
+    lay_out,
+    without_interrupts,
+    workers_here,
+)
+from kalscope.fleet.store import Row, stored
+from kalscope.fleet.work import note_path
 
 GIB = 1 << 30
 STARTING = """
@@ -58,9 +78,7 @@ def test_progress_counts_what_was_kept_in_both_numbers():
 
 
 @pytest.mark.slow
-def test_a_straggling_batch_ends_with_its_slow_recording_and_the_rest_is_shared_out(
-    tmp_path, at_once, capsys, monkeypatch
-):
+def test_a_straggling_batch_ends_with_its_slow_file_and_the_rest_is_shared(tmp_path, at_once, capsys, monkeypatch):
     """Three of nine are done when the time is up; the other six go to two workers, and nothing is done twice."""
     write_devices(tmp_path / "logs", 9)
     clock, plain, read = [0.0], work.fit_unit, []
@@ -100,3 +118,45 @@ def test_a_signal_ends_a_run_that_looks_through_its_source(tmp_path):
             "",
             "kalscope: stopped by SIGTERM: what was done is kept: run the same command again to continue\n",
         )
+
+
+@given(st.lists(st.integers(0, 300_000) | st.integers(0, 1 << 30), max_size=300))
+def test_batches_hold_each_unit_once_in_order_and_few_bytes(sizes):
+    limit = min(max(sum(sizes) / BATCHES, MIN_BATCH_BYTES), MAX_BATCH_BYTES)
+    assert [i for batch in lay_out(sizes) for i in batch] == list(range(len(sizes)))
+    assert all(lay_out(sizes))
+    assert all(sum(sizes[i] for i in batch) <= limit for batch in lay_out(sizes) if len(batch) > 1)
+
+
+class Draws:
+    """Workers of which units of `poison` kill one; by chance others are killed, cut short or forgotten."""
+
+    def __init__(self, poison, kills, seed):
+        self.poison, self.kills, self.draw, self.flight = poison, kills, random.Random(seed), []
+
+    def submit(self, batch, _call, units, _options, folder):
+        self.flight.append((batch, [unit.id for unit in units], Path(folder)))
+
+    def ended(self, _timeout):
+        batch, keys, folder = self.flight.pop(self.draw.randrange(len(self.flight)))
+        killer = next((i for i in batch if i in self.poison), self.draw.choice(batch))
+        if killer in self.poison or self.draw.random() < self.kills:
+            note_path(folder, keys).write_text(f"{killer}\n")
+            return batch, WorkerDied()
+        done = keys[: self.draw.choice([0, *range(1, len(batch) + 1)])]  # 0: the scheduler forgot it
+        return batch, [stored(key, [Row(key, verdict="ok")], Pool.empty()) for key in done]
+
+
+@given(st.integers(0, 60), st.sets(st.integers(0, 59), max_size=4), st.integers(), st.sampled_from([0.0, 0.3]))
+def test_every_unit_is_done_once_or_is_lost_because_it_kills(n, poison, seed, kills):
+    keys, units = [str(i) for i in range(n)], [Unit(str(i), (Piece("x", 1 << 25),)) for i in range(n)]
+    rows, tally = [], Tally(n, 0)
+    with tempfile.TemporaryDirectory() as folder:
+        store = SimpleNamespace(folder=Path(folder), keep=rows.extend)
+        _Run(units, keys, FleetOptions(Request()), store, tally).do(range(n), Draws(poison, kills, seed), None)
+        assert not any(Path(folder).iterdir())
+    verdicts = {one.key: Row(*msgspec.msgpack.decode(one.rows)[0]).verdict for one in rows}
+    lost = {int(key) for key, verdict in verdicts.items() if verdict == "failed"}
+    assert sorted(verdicts, key=int) == keys
+    assert len(rows) == tally.done == n
+    assert kills or lost == poison & set(range(n))

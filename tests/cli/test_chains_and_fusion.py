@@ -1,4 +1,4 @@
-"""`tune --fuse`, `filter --fuse` and the report of a fusion."""
+"""Chains and fused sensors on the command line: filtered, tuned, reported."""
 
 from __future__ import annotations
 
@@ -15,10 +15,90 @@ import pytest
 from kalscope.catalogue import open_source
 from kalscope.cli.app import run
 from kalscope.estimation.fusion import estimate_fusion
+from kalscope.filtering.classic import Chain, Exponential, OneEuro
 from kalscope.filtering.filter import fuse
 from kalscope.filtering.params import FilterParams
+from kalscope.sources.reading.recording_file import read_recording
 from kalscope.tuning.file import load_tuning, save_tuning
 from kalscope.tuning.tuning import ChannelTuning, Tuning
+
+EURO = Chain(5, OneEuro(0.02, 0.7, 0.1))
+CHANNELS = (
+    ChannelTuning("a", "V", 0.01, 1.0, chain=EURO),
+    ChannelTuning("b", "V", 0.02, 1.5, gate=9.0, chain=Chain(3)),
+    ChannelTuning("c", "V", 0.02, 1.5),
+)
+
+
+@pytest.fixture
+def files(tmp_path: Path) -> tuple[str, str]:
+    """A recording of three channels and a tuning of them, two of which are chains."""
+    rng = np.random.default_rng(5)
+    z = np.cumsum(rng.normal(0.0, 0.1, (400, 3)), axis=0) + rng.normal(0.0, 1.0, (400, 3))
+    z[100:110] += 30.0
+    log, config = tmp_path / "log.csv", tmp_path / "t.toml"
+    lines = (",".join(map(repr, [0.01 * i, *row.tolist()])) for i, row in enumerate(z))
+    log.write_text("time,a,b,c\n" + "\n".join(lines) + "\n")
+    recording = read_recording(log)
+    save_tuning(Tuning(CHANNELS, sha256=recording.sha256, sample_period=recording.sample_period), config)
+    return str(log), str(config)
+
+
+@pytest.mark.slow
+def test_a_recording_and_lines_go_through_the_chains_of_the_tuning(files, capsys, monkeypatch):
+    recording = read_recording(Path(files[0]))
+    expected = [one.filter.run(recording.channel(one.name)) for one in CHANNELS]
+    assert run(["filter", files[0], "--config", files[1]]) == 0
+    table = np.genfromtxt(io.StringIO(capsys.readouterr().out), delimiter=",", names=True)
+    for one, whole in zip(CHANNELS, expected, strict=True):
+        np.testing.assert_array_equal(table[f"{one.name}_filtered"], whole.x)
+        np.testing.assert_array_equal(table[f"{one.name}_variance"], whole.p)
+    lines = "".join(f"{','.join(map(repr, row))}\n" for row in recording.values.tolist())
+    monkeypatch.setattr("sys.stdin", io.TextIOWrapper(io.BytesIO(lines.encode())))
+    assert run(["filter", "-", "--config", files[1]]) == 0
+    answers = np.loadtxt(io.StringIO(capsys.readouterr().out), delimiter=",")
+    np.testing.assert_array_equal(answers, np.stack([whole.x for whole in expected], axis=1))
+
+
+@pytest.mark.slow
+def test_a_chain_may_be_given_and_only_kalman_needs_q_and_r(files, capsys, monkeypatch):
+    z = read_recording(Path(files[0])).channel("c")
+    words = {
+        "median 5, one-euro 0.02 0.7 0.1": EURO,
+        "exponential 0.25": Chain(1, Exponential(0.25)),
+        "kalman": None,
+    }
+    for text, chain in {**words, "kalman": None}.items():
+        assert run(["filter", files[0], "--config", files[1], "--channel", "c", "--chain", text]) == 0
+        table = np.genfromtxt(io.StringIO(capsys.readouterr().out), delimiter=",", names=True)
+        whole = ChannelTuning("c", "", 0.02, 1.5, chain=chain).filter.run(z)
+        np.testing.assert_array_equal(table["c_filtered"], whole.x)
+    monkeypatch.setattr("sys.stdin", io.TextIOWrapper(io.BytesIO(b"0\n4\n")))
+    assert run(["filter", "-", "--chain", "exponential 0.25"]) == 0
+    assert capsys.readouterr().out == "0.0\n1.0\n"
+
+
+def test_tune_keeps_the_chains_of_other_channels_and_says_which_one_it_replaces(files, capsys):
+    assert run(["tune", files[0], "--channel", "b", "--lag-ms", "50", "-o", files[1]]) == 0
+    assert "b: median of 3, then Kalman is replaced by the Kalman filter" in capsys.readouterr().err
+    after = load_tuning(files[1])
+    assert [one.chain for one in after.channels] == [EURO, None, None]
+
+
+@pytest.mark.slow
+def test_the_report_says_which_chain_runs_and_judges_nothing(files: tuple[str, str], tmp_path: Path) -> None:
+    page = tmp_path / "page.html"
+    assert run(["report", files[0], "--config", files[1], "--channel", "a", "-o", str(page)]) == 0
+    text = page.read_text(encoding="utf-8")
+    assert "median of 5, then one-euro (cut-off 0.02, β 0.7" in text
+    assert "process noise q" not in text
+    assert "gain K" not in text
+    assert "NIS" not in text
+    assert run(["report", files[0], "--config", files[1], "--channel", "b", "-o", str(page), "--force"]) == 0
+    text = page.read_text(encoding="utf-8")
+    assert "median of 3, then Kalman" in text
+    assert "process noise q" in text
+
 
 Captured = pytest.CaptureFixture[str]
 
@@ -63,9 +143,9 @@ SLOW = f"{SOURCE}&sample_period=0.02"
         (SLOW, "--config CONFIG", "abc", replace(FUSION, q=0.004).params, "q was multiplied by 2"),
     ],
 )
-def test_the_columns_are_the_sensors_the_fused_value_and_its_variance_bit_for_bit(
-    source: str, options: str, columns: str, params: FilterParams, note: str, config: Path, capsys: Captured
-) -> None:
+def test_the_columns_are_sensors_fused_value_and_variance_bit_for_bit(
+    source, options, columns, params, note, config, capsys
+):
     assert run(["filter", source, *options.replace("CONFIG", str(config)).split()]) == 0
     out, err = capsys.readouterr()
     header, numbers = table(out)
@@ -84,9 +164,7 @@ def test_a_sensor_that_the_recording_lacks_is_left_out_and_named(config: Path, c
     assert "no channel c: fused without" in err
 
 
-def test_a_pipe_is_fused_line_by_line(
-    config: Path, monkeypatch: pytest.MonkeyPatch, capfdbinary: pytest.CaptureFixture[bytes]
-) -> None:
+def test_a_pipe_is_fused_line_by_line(config, monkeypatch, capfdbinary):
     monkeypatch.setattr("sys.stdin", io.TextIOWrapper(io.BytesIO(b"1.0,1.5,2\n,1.2,\n1,2\n,,\n,,1\n")))
     assert run(["filter", "-", "--config", str(config)]) == 0
     out, err = capfdbinary.readouterr()
@@ -94,33 +172,6 @@ def test_a_pipe_is_fused_line_by_line(
     expected = fuse(rows, FUSION.params).x.tolist()
     assert out.decode().split("\n") == [repr(expected[0]), repr(expected[1]), "", "", repr(expected[4]), ""]
     assert b"line 3 must hold 3 numbers" in err
-
-
-@pytest.mark.parametrize(
-    ("argv", "must"),
-    [
-        (["--fuse", "a,x"], "of one unit, of a, b, c (got 'x', which is not a channel)"),
-        (["--fuse", "a,b", "--channel", "a"], "--fuse must be used without --channel"),
-        (["--r", "a=1,b=2", "--channel", "a"], "--r must be one number without --fuse (got one for a, b)"),
-        (["--r", "a=x"], "--r must be a number (got 'x')"),
-    ],
-)
-def test_what_cannot_be_fused_is_refused_with_words(
-    argv: list[str], must: str, config: Path, capsys: Captured
-) -> None:
-    assert run(["filter", SOURCE, "--config", str(config), *argv]) == 2
-    out, err = capsys.readouterr()
-    assert out == ""
-    assert must in err
-    assert err.count("\n") == 1
-
-
-def test_a_tuning_without_a_fusion_says_how_to_make_one(tmp_path: Path, capsys: Captured) -> None:
-    path = tmp_path / "single.toml"
-    save_tuning(Tuning((ChannelTuning("a", "", 0.1, 1.0),)), path)
-    for argv in ([SOURCE, "--config", str(path)], ["-", "--config", str(path)], [SOURCE], ["-"]):
-        assert run(["filter", *argv, "--fuse", "a,b"]) == 2
-        assert "--fuse needs --config with a fusion: kalscope tune" in capsys.readouterr().err
 
 
 # ---- tune
@@ -159,9 +210,7 @@ def test_json_says_what_the_library_says(capsys: Captured) -> None:
         (["--noise-reduction-db", "9", "--overshoot", "8"], "noise_reduction_db", 9.0),
     ],
 )
-def test_a_target_is_met_while_all_sensors_answer(
-    options: list[str], field: str, met: float, capsys: Captured
-) -> None:
+def test_a_target_is_met_while_all_sensors_answer(options, field, met, capsys):
     said = tuned(capsys, WALK, "--fuse", "a,b,c", *options)
     assert said["steady"][field] == pytest.approx(met, rel=1e-9)
     assert said["r"] == pytest.approx([0.25, 1.0, 4.0], rel=0.3)
@@ -194,9 +243,7 @@ def test_the_gain_of_a_sensor_in_another_unit_is_estimated(tmp_path: Path, capsy
 
 
 @pytest.mark.slow
-def test_a_saved_fusion_filters_as_it_was_found_and_a_channel_tuned_later_leaves_it(
-    tmp_path: Path, capsys: Captured
-) -> None:
+def test_a_saved_fusion_filters_as_it_was_found_and_a_channel_tuned_later_leaves_it(tmp_path, capsys):
     path = tmp_path / "tuning.toml"
     said = tuned(capsys, WALK, "--fuse", "a,c", "-o", str(path))
     fusion = load_tuning(path).fusion
@@ -221,26 +268,6 @@ def test_a_dead_sensor_gives_no_filter_but_words(tmp_path: Path, capsys: Capture
     assert "All readings of b are equal" in out
     assert run(["tune", str(path), "--fuse", "a,b", "-o", str(tmp_path / "t.toml")]) == 2
     assert "-o needs a usable q and r, and the record gives none (a + b: constant)" in capsys.readouterr().err
-
-
-@pytest.mark.parametrize(
-    ("argv", "must"),
-    [
-        (["--fuse", "a"], "--fuse must be two or more channels of one unit, of a, b, c (got 'a')"),
-        (["--fuse", "a,b", "--all"], "--fuse must be used without --channel and --all"),
-        (["--reference", "a"], "--reference needs --fuse"),
-        (["--fuse", "a,b", "--reference", "c"], "--reference must be a sensor of --fuse: a, b (got 'c')"),
-        (["--fuse", "a,b", "--r", "a=1", "--sigma", "b=1"], "only one of --still, --sigma, --density, --r"),
-        (["--r", "a=1"], "--r must be one number without --fuse (got one for a)"),
-        (["--fuse", "a,b", "--lag-ms", "1e11"], "the goal must be a filter that is not slower than the record"),
-    ],
-)
-def test_what_cannot_be_tuned_together_is_refused_with_words(argv: list[str], must: str, capsys: Captured) -> None:
-    assert run(["tune", SOURCE, *argv]) == 2
-    out, err = capsys.readouterr()
-    assert out == ""
-    assert must in err
-    assert err.count("\n") == 1
 
 
 # ---- report
