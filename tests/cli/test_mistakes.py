@@ -42,6 +42,7 @@ MISTAKES = [
     ),
     ("filter log.csv --config t.toml --r a=x", "--r must be a number (got 'x')"),
     ("filter log.csv --config single.toml --fuse a,b", "--fuse needs --config with a fusion: kalscope tune"),
+    ("filter log.csv --config t.toml --r a=1,a=2", "--r must be a number (got 'a=1,a=2')"),
     ("filter - --fuse a,b", "--fuse needs --config with a fusion: kalscope tune"),
     ("filter log.csv --config other.toml", "the tuning must hold a or b or c (got channels x, y)"),
     ("filter log.csv --chain 'median 4, kalman'", "window must be an odd number"),
