@@ -36,6 +36,15 @@ def assert_no_nan(found: Diagnostics):
     assert found.advice
 
 
+def test_channels_are_judged_each_by_itself():
+    z, params = (
+        np.column_stack([noisy_walk(seed=1), noisy_walk(q=1.0, seed=2), noisy_walk(seed=3)]),
+        FilterParams(0.01, 1.0),
+    )
+    found = diagnose(kalman_filter(z, params))
+    assert [one.nis for one in found] == [diagnose(kalman_filter(z[:, c], params)).nis for c in range(3)]
+
+
 def normal(found: Diagnostics):
     """N (S²/6 + K²/24) and its p value from χ²₂ (Bowman & Shenton 1975)."""
     statistic = found.n * (found.skewness**2 / 6.0 + found.excess_kurtosis**2 / 24.0)
