@@ -180,21 +180,11 @@ def write_json(path):
 
 
 CONTAINERS = {
-    "log.mat": write_mat,
-    "log.edf": write_edf,
-    "log.h5": write_hdf5,
-    "log.tdms": write_tdms,
-    "log.xlsx": write_xlsx,
-    "log.parquet": write_parquet,
-    "log.lvm": write_lvm,
-    "log.json": write_json,
-    "log.npy": write_npy,
-    "log.npz": write_npz,
-    "log.ulg": write_ulog,
-    "log.mcap": write_json_mcap,
-    "log.bag": write_ros1,
-    "packed.bag": lambda path: write_ros1(path, Compression.LZ4),
+    "log.mat": write_mat, "log.edf": write_edf, "log.h5": write_hdf5, "log.tdms": write_tdms,
+    "log.xlsx": write_xlsx, "log.parquet": write_parquet, "log.lvm": write_lvm, "log.json": write_json,
+    "log.npy": write_npy, "log.npz": write_npz, "log.ulg": write_ulog, "log.mcap": write_json_mcap,
+    "log.bag": write_ros1, "packed.bag": lambda path: write_ros1(path, Compression.LZ4),
     "log.db3": lambda path: next(write_ros2(path.parent / "ros2", StoragePlugin.SQLITE3).glob("*.db3")),
     "ros2.mcap": lambda path: next(write_ros2(path.parent / "ros2m", StoragePlugin.MCAP).glob("*.mcap")),
-}
+}  # fmt: skip
 """Name of a small file of each kind, and its writer: from the path to the path of the file."""

@@ -48,18 +48,15 @@ def changed(name: str, change: Callable[[Path], object], expected: str) -> Case:
 
 
 SPECIAL = (
-    Case("a pipe", lambda path, _: os.mkfifo(path), ORDINARY),
-    Case("a socket", listening, ORDINARY),
-    Case("/dev/zero", link_to("/dev/zero"), ORDINARY),
-    Case("/dev/tty", link_to("/dev/tty"), ORDINARY),
+    Case("a pipe", lambda path, _: os.mkfifo(path), ORDINARY), Case("a socket", listening, ORDINARY),
+    Case("/dev/zero", link_to("/dev/zero"), ORDINARY), Case("/dev/tty", link_to("/dev/tty"), ORDINARY),
     Case("a folder", lambda path, _: path.mkdir(), "refused: source must be a file"),
     Case("a link to itself", link_to("log.csv"), "refused: cannot read"),
     Case("a link to nothing", link_to("nothing"), "refused: file not found"),
     Case("an empty file", text(""), "refused: log.csv must hold lines of numbers"),
     Case("the memory of the process", link_to("/proc/self/mem"), "refused: "),
-    changed("grows", grow, "read: [0-9]+ rows"),
-    changed("shrinks", shrink, "read: [0-9]+ rows"),
+    changed("grows", grow, "read: [0-9]+ rows"), changed("shrinks", shrink, "read: [0-9]+ rows"),
     changed("is emptied", emptied, "refused: log.csv must hold a whole line"),
     changed("vanishes", os.unlink, "refused: reading .* failed midway"),
     changed("becomes noise", replaced_by_noise, "refused: log.csv must hold a whole line"),
-)
+)  # fmt: skip

@@ -44,13 +44,11 @@ def test_faults_come_as_often_as_asked():
 
 
 BAD = [
-    *({"n": n} for n in (0, 1.5, True, 10**9)),
-    *({"sample_period": value} for value in (0.0, math.nan)),
-    *({"channels": count} for count in (0, 17)),
-    *({"amplitude": value} for value in (math.inf, "1")),
+    *({"n": n} for n in (0, 1.5, True, 10**9)), *({"sample_period": value} for value in (0.0, math.nan)),
+    *({"channels": count} for count in (0, 17)), *({"amplitude": value} for value in (math.inf, "1")),
     *({"limits": limits} for limits in (5.0, (1.0,), (1.0, 1.0), (0.0, math.nan))),
     *({"noise": "pink"}, {"sigma": -1.0}, {"outliers": 1.1}, {"volume": 11}),
-]
+]  # fmt: skip
 
 
 @pytest.mark.parametrize("settings", BAD, ids=str)
@@ -77,19 +75,16 @@ def test_several_sensors_of_one_signal_share_its_truth():
     assert abs(np.corrcoef(noise.T)[np.triu_indices(3, 1)]).max() < 4 / math.sqrt(len(noise))
 
 
-@pytest.mark.parametrize(
-    ("wrong", "must"),
-    [
-        ({"sigmas": ()}, "sigmas must be 1 to 16 numbers, one per sensor"),
-        ({"sigmas": (1.0, -1.0)}, "sigmas must be a number from 0"),
-        ({"sigmas": (1.0, 1.0), "channels": 2}, "channels must be left out"),
-        ({"sigmas": (1.0, 1.0), "offsets": (1.0,)}, "offsets must have a number for each of sigmas"),
-        ({"every": (1.0, 2.0)}, "every must have a number for each of sigmas, None"),
-        ({"sigmas": (1.0, 1.0), "every": (1.0, 2.5)}, "every must be a whole number from 1"),
-        ({"sigmas": (1.0, 1.0), "every": (0.0, 2)}, "every must be a whole number from 1"),
-        ({"sigmas": (1.0,) * 16, "n": 5_000_000}, r"n \* channels must be at most 50000000"),
-    ],
-)
+@pytest.mark.parametrize(("wrong", "must"), [
+    ({"sigmas": ()}, "sigmas must be 1 to 16 numbers, one per sensor"),
+    ({"sigmas": (1.0, -1.0)}, "sigmas must be a number from 0"),
+    ({"sigmas": (1.0, 1.0), "channels": 2}, "channels must be left out"),
+    ({"sigmas": (1.0, 1.0), "offsets": (1.0,)}, "offsets must have a number for each of sigmas"),
+    ({"every": (1.0, 2.0)}, "every must have a number for each of sigmas, None"),
+    ({"sigmas": (1.0, 1.0), "every": (1.0, 2.5)}, "every must be a whole number from 1"),
+    ({"sigmas": (1.0, 1.0), "every": (0.0, 2)}, "every must be a whole number from 1"),
+    ({"sigmas": (1.0,) * 16, "n": 5_000_000}, r"n \* channels must be at most 50000000"),
+])  # fmt: skip
 def test_sensors_that_contradict_each_other_are_refused(wrong, must):
     with pytest.raises(BadSetting, match=must):
         synthesize("sine", **wrong)

@@ -68,14 +68,12 @@ class Device:
 
 
 DEVICES = {
-    "even": (Device(), "even"),
-    "even, pauses": (Device(pauses=3, pause=2.0), "even"),
+    "even": (Device(), "even"), "even, pauses": (Device(pauses=3, pause=2.0), "even"),
     "64 Hz in whole ms": (Device(64, clock=1e-3), "uneven"),
     "490 Hz in whole ms": (Device(490, clock=1e-3), "uneven"),
     "900 Hz in whole ms": (Device(900, clock=1e-3), "uneven"),
     "1100 Hz in whole ms": (Device(1100, clock=1e-3), "coarse"),
-    "3 kHz in whole ms": (Device(3000, clock=1e-3), "coarse"),
-    "noisy stamps": (Device(stamp_jitter=0.1), "uneven"),
+    "3 kHz in whole ms": (Device(3000, clock=1e-3), "coarse"), "noisy stamps": (Device(stamp_jitter=0.1), "uneven"),
     "noisy loop": (Device(loop_jitter=0.2), "uneven"),
     "noisy loop, pauses": (Device(loop_jitter=0.2, pauses=4, pause=0.5), "uneven"),
     "5 at once": (Device(buffer=5, drain=1e-3), "bursts"),
@@ -93,36 +91,28 @@ DEVICES = {
     "0.7 Hz in whole s, noisy": (Device(0.7, clock=1.0, stamp_jitter=0.3), "uneven"),
     "100 Hz by a clock of 15.6 ms": (Device(100.4, clock=0.015625, stamp_jitter=0.3), "coarse"),
     "0.5 Hz in whole minutes, pauses": (Device(0.5, clock=60.0, pauses=3, pause=3600.0), "coarse"),
-}
+}  # fmt: skip
 """Devices, and how their stamps lie."""
 
 
-@pytest.mark.parametrize(
-    ("form", "stamps", "seconds", "said"),
-    [
-        ("h:m:s", "23:59:59 00:00:00 00:00:01", [0, 1, 2], "once, like a clock at midnight"),
-        ("h:m:s", "12:59:58 12:59:59 01:00:00", [0, 1, 2], "once, like a clock at noon"),
-        ("h:m:s", "20:00:00 20:00:01 06:00:00", [0, 1, 36000], "once, like a clock at midnight"),
-        (
-            "elapsed",
-            "59:59.5 00:00.5 59:59.5 00:00.5",
-            [0, 1, 3600, 3601],
-            "2 times, like a clock at the full hour",
-        ),
-        ("elapsed", "99:59:59 100:00:00 0:00:00", [0, 1, -359999], "steps back once"),
-        ("s", "86399 0 1", [86399, 86400, 86401], "once, like seconds of the day"),
-        ("ms", "604799800 0 200", [604799.8, 604800, 604800.2], "once, like milliseconds of the week"),
-        ("s", "4294.96 0.003 0.013", [4294.96, 4294.970296, 4294.980296], "once, like a 32-bit counter (micros())"),
-        ("ms", "65519 65529 3", [65.519, 65.529, 65.539], "once, like a 16-bit counter"),
-        ("ms", "4294966305 6 1003", [4294966.305, 4294967.302, 4294968.299], "once, like a 32-bit counter"),
-        ("ms", "10 20 30 0 10", [0.01, 0.02, 0.03, 0, 0.01], "time steps back once"),  # the device restarted
-        ("ms", "40000 40010 40020 0 10", [40, 40.01, 40.02, 0, 0.01], "time steps back once"),
-        ("ms", "65520 65530 65525 65535", [65.52, 65.53, 65.525, 65.535], "time steps back once"),
-        ("ms", "-10 65530 4", [-0.01, 65.53, 0.004], "time steps back once"),
-        ("ymd", "2024-10-27T02:58 2024-10-27T02:59 2024-10-27T02:00", [0, 60, 120], "is set back by an hour"),
-        ("ymd", "2024-10-27T02:58 2024-10-27T02:59 2024-10-27T02:30", [0, 60, -1680], "steps back once"),
-    ],
-)
+@pytest.mark.parametrize(("form", "stamps", "seconds", "said"), [
+    ("h:m:s", "23:59:59 00:00:00 00:00:01", [0, 1, 2], "once, like a clock at midnight"),
+    ("h:m:s", "12:59:58 12:59:59 01:00:00", [0, 1, 2], "once, like a clock at noon"),
+    ("h:m:s", "20:00:00 20:00:01 06:00:00", [0, 1, 36000], "once, like a clock at midnight"),
+    ("elapsed", "59:59.5 00:00.5 59:59.5 00:00.5", [0, 1, 3600, 3601], "2 times, like a clock at the full hour"),
+    ("elapsed", "99:59:59 100:00:00 0:00:00", [0, 1, -359999], "steps back once"),
+    ("s", "86399 0 1", [86399, 86400, 86401], "once, like seconds of the day"),
+    ("ms", "604799800 0 200", [604799.8, 604800, 604800.2], "once, like milliseconds of the week"),
+    ("s", "4294.96 0.003 0.013", [4294.96, 4294.970296, 4294.980296], "once, like a 32-bit counter (micros())"),
+    ("ms", "65519 65529 3", [65.519, 65.529, 65.539], "once, like a 16-bit counter"),
+    ("ms", "4294966305 6 1003", [4294966.305, 4294967.302, 4294968.299], "once, like a 32-bit counter"),
+    ("ms", "10 20 30 0 10", [0.01, 0.02, 0.03, 0, 0.01], "time steps back once"),  # the device restarted
+    ("ms", "40000 40010 40020 0 10", [40, 40.01, 40.02, 0, 0.01], "time steps back once"),
+    ("ms", "65520 65530 65525 65535", [65.52, 65.53, 65.525, 65.535], "time steps back once"),
+    ("ms", "-10 65530 4", [-0.01, 65.53, 0.004], "time steps back once"),
+    ("ymd", "2024-10-27T02:58 2024-10-27T02:59 2024-10-27T02:00", [0, 60, 120], "is set back by an hour"),
+    ("ymd", "2024-10-27T02:58 2024-10-27T02:59 2024-10-27T02:30", [0, 60, -1680], "steps back once"),
+])  # fmt: skip
 def test_clocks_and_counters_that_begin_again_go_on_and_others_step_back(form, stamps, seconds, said):
     kinds = {"ymd": TimeColumn(0, "calendar"), **{unit: TimeColumn(0, "number", unit) for unit in ("s", "ms")}}
     column = kinds.get(form) or TimeColumn(0, "clock", clock=form)
@@ -136,23 +126,17 @@ def days_from(first, per_day):
 
 
 UNITS = {
-    "s": (
-        *([0, 1, 2], [0.0, 8.5, 17.1], [0, 60, 120], [0, 3600, 7200], [0, 300, 600], [0, 5, 10]),
+    "s": (*([0, 1, 2], [0.0, 8.5, 17.1], [0, 60, 120], [0, 3600, 7200], [0, 300, 600], [0, 5, 10]),
         *(days_from(45123.5, 100), days_from(45123.5, 3), [1.7e9, 1.7e9 + 1]),
-        45123.5 + np.cumsum(np.random.default_rng(1).uniform(0, 0.1, 50)),
-    ),
-    "ms": (
-        *([7, 17, 27], [0, 1000, 2000], [3, 1004, 2006], [0, 60000, 120000], [0, 10000, 20011]),
-        *([5012, 7015, 9018, 11022], [1.7e12, 1.7e12 + 10]),
-    ),
+        45123.5 + np.cumsum(np.random.default_rng(1).uniform(0, 0.1, 50))),
+    "ms": (*([7, 17, 27], [0, 1000, 2000], [3, 1004, 2006], [0, 60000, 120000], [0, 10000, 20011]),
+        *([5012, 7015, 9018, 11022], [1.7e12, 1.7e12 + 10])),
     "us": ([71, 250_071, 500_079], [7e8, 7e8 + 2500, 7e8 + 5004], [1.7e15, 1.7e15 + 1e4], [1.2e9, 1.2e9 + 4e3]),
     "ns": ([584065454762638, 584065474483599], [1.7e18, 1.7e18 + 1e7]),
     "100ns": ([133540000000000000, 133540000001000000], [638451306000000000, 638451306000100000]),
-    "day": (
-        *(days_from(45123.5, 144), days_from(0.25, 43200), np.round(days_from(45123.5, 1440), 9)),
-        *(days_from(739000.5, 86400), days_from(2460000.5, 24)),
-    ),
-}
+    "day": (*(days_from(45123.5, 144), days_from(0.25, 43200), np.round(days_from(45123.5, 1440), 9)),
+        *(days_from(739000.5, 86400), days_from(2460000.5, 24))),
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("unit", UNITS)
@@ -160,15 +144,12 @@ def test_the_unit_follows_from_the_size_of_stamp_and_step(unit):
     assert [unit_by_magnitude(np.array(stamps, dtype=float)) for stamps in UNITS[unit]] == [unit] * len(UNITS[unit])
 
 
-@pytest.mark.parametrize(
-    ("first", "step", "date"),
-    [
-        *((45123.5, 1 / 144, "2023-07-16T12:00:00"), (739000.5, 1 / 144, "2023-04-24T12:00:00")),
-        *((60123.25, 1 / 144, "2023-06-28T06:00:00"), (2460000.5, 1 / 144, "2023-02-25T00:00:00")),
-        *((3792385800, 600, "2024-03-04T08:30:00"), (1.7e12, 6e5, "2023-11-14T22:13:20")),  # LabVIEW, JavaScript
-        *((133540000000000000, 6e9, "2024-03-04T04:26:40"), (638451306000000000, 6e9, "2024-03-04T06:30:00")),
-    ],
-)
+@pytest.mark.parametrize(("first", "step", "date"), [
+    *((45123.5, 1 / 144, "2023-07-16T12:00:00"), (739000.5, 1 / 144, "2023-04-24T12:00:00")),
+    *((60123.25, 1 / 144, "2023-06-28T06:00:00"), (2460000.5, 1 / 144, "2023-02-25T00:00:00")),
+    *((3792385800, 600, "2024-03-04T08:30:00"), (1.7e12, 6e5, "2023-11-14T22:13:20")),  # LabVIEW, JavaScript
+    *((133540000000000000, 6e9, "2024-03-04T04:26:40"), (638451306000000000, 6e9, "2024-03-04T06:30:00")),
+])  # fmt: skip
 def test_stamps_count_from_the_date_that_their_size_shows(first, step, date):
     seconds, said = to_seconds(first + step * np.arange(50), TimeColumn(0, "number"))
     assert seconds.tolist() == [600.0 * i for i in range(50)]
@@ -317,18 +298,15 @@ UNSTEADY = np.cumsum(np.random.default_rng(1).pareto(1.1, 400) * 10 + 2)
 """Stamps in ms without a scale at which they come steadily: median step 10 ms, mean step 90 ms."""
 
 
-@pytest.mark.parametrize(
-    ("stamps", "given", "source", "rate", "said"),
-    [
-        (WHOLE_SECONDS, GivenPeriod(file=1 / 66.5), "file", 66.5, "the one that the file gives, 66.5 Hz"),
-        (WHOLE_SECONDS, GivenPeriod(file=1 / 33), "stamps", 67, "gives a sample rate of 33.0 Hz, but its stamps"),
-        (np.arange(500) * 10.0, GivenPeriod(file=0.02), "stamps", 100, "gives a sample rate of 50.0 Hz, but its"),
-        (np.arange(500) * 10.0, GivenPeriod(option=0.02), "option", 50, "stamps are read as ms"),
-        (UNSTEADY, GivenPeriod(file=0.03), "file", 1 / 0.03, "the one that the file gives, 33.3 Hz"),
-        (UNSTEADY, GivenPeriod(file=0.001), "stamps", 99.1, "gives a sample rate of 1.00 kHz, but its stamps"),
-        (np.array([0.0, 0, 0, 1000, 1000]), GivenPeriod(file=0.34), "file", 1 / 0.34, "the file gives, 2.94 Hz"),
-    ],
-)
+@pytest.mark.parametrize(("stamps", "given", "source", "rate", "said"), [
+    (WHOLE_SECONDS, GivenPeriod(file=1 / 66.5), "file", 66.5, "the one that the file gives, 66.5 Hz"),
+    (WHOLE_SECONDS, GivenPeriod(file=1 / 33), "stamps", 67, "gives a sample rate of 33.0 Hz, but its stamps"),
+    (np.arange(500) * 10.0, GivenPeriod(file=0.02), "stamps", 100, "gives a sample rate of 50.0 Hz, but its"),
+    (np.arange(500) * 10.0, GivenPeriod(option=0.02), "option", 50, "stamps are read as ms"),
+    (UNSTEADY, GivenPeriod(file=0.03), "file", 1 / 0.03, "the one that the file gives, 33.3 Hz"),
+    (UNSTEADY, GivenPeriod(file=0.001), "stamps", 99.1, "gives a sample rate of 1.00 kHz, but its stamps"),
+    (np.array([0.0, 0, 0, 1000, 1000]), GivenPeriod(file=0.34), "file", 1 / 0.34, "the file gives, 2.94 Hz"),
+])  # fmt: skip
 def test_a_rate_that_is_given_has_its_place(stamps, given, source, rate, said):
     axis = read_time(stamps, NUMBER, given=given)
     assert axis.timing.source == source

@@ -90,19 +90,8 @@ def stamps(form: Callable[[int], str], odd: Iterable[str] = ()) -> bytes:
 
 PLAIN = "".join(ROWS)
 NUMBERS = (
-    "1e999",
-    "-1e999",
-    "nan(0x7ff)",
-    "-nan",
-    "NaN123",
-    "infinity",
-    "0x1p3",
-    "1_000",
-    "١٢",
-    "１２",
-    "½",
-    "--1",
-)
+    "1e999", "-1e999", "nan(0x7ff)", "-nan", "NaN123", "infinity", "0x1p3", "1_000", "١٢", "１２", "½", "--1",
+)  # fmt: skip
 NUMBERS += ("1e", "+", "1e+", ".", "1e-999", "5e-324", "1.7976931348623157e308", "²", "1e0000000000000000005")
 NUMBERS += ("9" * 5000, "1" + "0" * 400, "0." + "0" * 5000 + "1", "1e" + "9" * 5000, "0" * 5000 + "1")
 DATES = ("0000-01-01 00:00:00", "99999-01-01 00:00:00", "2024-02-30 00:00:00", "2024-13-01 00:00:00")
@@ -164,20 +153,8 @@ NO_TEXT = "refused: log.csv must be a text file"
 LETTERS = bytes(range(32, 127)) + b"\n\n\n"
 MARKS = b"0123456789.,;:-+eE\t\n\n\n\n"
 SHORT = (
-    "a\n",
-    "[]\n",
-    "1x\n",
-    "a:\n",
-    "a=1x\n",
-    '"\n',
-    ">a:1\n",
-    "$1*\n",
-    "-\n",
-    "1,2a\n1\n",
-    "12:00\n",
-    "\n",
-    "#\n",
-)
+    "a\n", "[]\n", "1x\n", "a:\n", "a=1x\n", '"\n', ">a:1\n", "$1*\n", "-\n", "1,2a\n1\n", "12:00\n", "\n", "#\n",
+)  # fmt: skip
 WIDTHS = "".join(("1,2\n" * 10, "1,2,3\n" * 10, "1,2,3,4,5\n" * 4, "1,2,3\n" * 10, "1,2\n" * 10))
 TEXTS = (
     one_line("1", "refused: log.csv must hold at least one number"),

@@ -55,13 +55,10 @@ def tdms(tmp_path):
     return write
 
 
-@pytest.mark.parametrize(
-    "variables",
-    [
-        *({"fs": 50.0}, {"Fs": 50}, {"sample_rate": 50.0}, {"dt": 0.02}, {"Ts": 0.02}),
-        {"fs": 50.0, "t": np.arange(50.0)},
-    ],
-)
+@pytest.mark.parametrize("variables", [
+    *({"fs": 50.0}, {"Fs": 50}, {"sample_rate": 50.0}, {"dt": 0.02}, {"Ts": 0.02}),
+    {"fs": 50.0, "t": np.arange(50.0)},
+])  # fmt: skip
 def test_a_single_number_of_matlab_is_the_rate(mat, variables):
     recording = mat(x=X, **variables)
     assert recording.names[0] == "x"
@@ -162,22 +159,16 @@ TABLE["time"], TABLE["x"] = T, X
 STAMPS = np.datetime64("2024-05-01T12:00:00", "us") + (T * 1e6).astype("timedelta64[us]")
 
 
-@pytest.mark.parametrize(
-    ("write", "names", "period"),
-    [
-        (lambda path: np.save(path, X), ("value 1",), None),
-        (lambda path: np.save(path, np.column_stack((T, X, X))), ("value 1", "value 2"), 0.02),
-        (lambda path: np.save(path, np.asfortranarray(np.vstack((T, X)))), ("value 1",), 0.02),
-        (lambda path: np.save(path, TABLE), ("x",), 0.02),
-        (lambda path: np.savez(path, t=T, x=X, words=np.array(["a"])), ("x",), 0.02),
-        (lambda path: np.savez_compressed(path, at=STAMPS, x=X, any=np.array([{}])), ("x",), 0.02),
-        (
-            lambda path: np.savez(path, fs=50.0, acc=np.asfortranarray(np.column_stack((X, X)))),
-            ("acc[0]", "acc[1]"),
-            0.02,
-        ),
-    ],
-)
+@pytest.mark.parametrize(("write", "names", "period"), [
+    (lambda path: np.save(path, X), ("value 1",), None),
+    (lambda path: np.save(path, np.column_stack((T, X, X))), ("value 1", "value 2"), 0.02),
+    (lambda path: np.save(path, np.asfortranarray(np.vstack((T, X)))), ("value 1",), 0.02),
+    (lambda path: np.save(path, TABLE), ("x",), 0.02),
+    (lambda path: np.savez(path, t=T, x=X, words=np.array(["a"])), ("x",), 0.02),
+    (lambda path: np.savez_compressed(path, at=STAMPS, x=X, any=np.array([{}])), ("x",), 0.02),
+    (lambda path: np.savez(path, fs=50.0, acc=np.asfortranarray(np.column_stack((X, X)))), ("acc[0]", "acc[1]"),
+        0.02),
+])  # fmt: skip
 def test_arrays_of_numpy(tmp_path, write, names, period):
     path = tmp_path / "log.npy"
     with path.open("wb") as file:

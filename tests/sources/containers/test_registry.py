@@ -17,15 +17,11 @@ needs("duckdb", "pyarrow", "h5py", "nptdms", "openpyxl", "python_calamine", "ros
 from tests.sources.made_containers import CONTAINERS  # noqa: E402
 
 LIBRARIES = {
-    "log.h5": ("h5py", "h5py"),
-    "log.tdms": ("nptdms", "npTDMS"),
-    "log.xlsx": ("python_calamine", "python-calamine"),
-    "log.parquet": ("pyarrow.parquet", "pyarrow"),
-    "log.ulg": ("pyulog", "pyulog"),
-    "log.mcap": ("mcap.stream_reader", "mcap"),
-    "log.bag": ("rosbags.rosbag1", "rosbags"),
-    "log.db3": ("rosbags.rosbag2.storage_sqlite3", "rosbags"),
-}
+    "log.h5": ("h5py", "h5py"), "log.tdms": ("nptdms", "npTDMS"),
+    "log.xlsx": ("python_calamine", "python-calamine"), "log.parquet": ("pyarrow.parquet", "pyarrow"),
+    "log.ulg": ("pyulog", "pyulog"), "log.mcap": ("mcap.stream_reader", "mcap"),
+    "log.bag": ("rosbags.rosbag1", "rosbags"), "log.db3": ("rosbags.rosbag2.storage_sqlite3", "rosbags"),
+}  # fmt: skip
 
 
 @pytest.fixture(params=CONTAINERS)

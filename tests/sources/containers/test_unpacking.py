@@ -55,14 +55,11 @@ WRITERS = {
     "log.csv.gz": lambda path: path.write_bytes(gzip.compress(ROWS)),
     "log.csv.zst": lambda path: path.write_bytes(zstandard.compress(ROWS)),
     "log.zip": lambda path: path.write_bytes(zipped(ROWS)),
-    "log.zip.gz": lambda path: path.write_bytes(gzip.compress(zipped(ROWS))),
-    "log.xlsx": sheet,
-    "log.h5": hdf5,
+    "log.zip.gz": lambda path: path.write_bytes(gzip.compress(zipped(ROWS))), "log.xlsx": sheet, "log.h5": hdf5,
     "log.mat": lambda path: scipy.io.savemat(path, {"log": {"x": np.zeros(3000)}}, do_compression=True),
-    "log.parquet": parquet,
-    "log.mcap": lambda path: write_json_mcap(path, chunk_size=300),
+    "log.parquet": parquet, "log.mcap": lambda path: write_json_mcap(path, chunk_size=300),
     "log.bag": lambda path: write_ros1(path, Compression.BZ2),
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize(("name", "write"), WRITERS.items(), ids=list(WRITERS))

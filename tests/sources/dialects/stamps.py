@@ -35,26 +35,12 @@ class Stamps:
         return self.shape in ("burst", "coarse")
 
 
-FORMS = {  # resolution in µs, whether a pause, a burst or a coarse clock suits it
-    "seconds": 1000,
-    "millis": 1000,
-    "micros": 1,
-    "epoch s": 1000,
-    "epoch ms": 1000,
-    "epoch us": 1,
-    "iso": 1000,
-    "iso whole": 1_000_000,
-    "day first": 1_000_000,
-    "month first": 1_000_000,
-    "am pm": 1_000_000,
-    "month name": 1000,
-    "ctime": 1_000_000,
-    "compact": 1_000_000,
-    "clock": 1000,
-    "two columns": 1_000_000,
-    "six columns": 1_000_000,
-    "minutes": 1000,
-}
+FORMS = {
+    "seconds": 1000, "millis": 1000, "micros": 1, "epoch s": 1000, "epoch ms": 1000, "epoch us": 1, "iso": 1000,
+    "iso whole": 1_000_000, "day first": 1_000_000, "month first": 1_000_000, "am pm": 1_000_000,
+    "month name": 1000, "ctime": 1_000_000, "compact": 1_000_000, "clock": 1000, "two columns": 1_000_000,
+    "six columns": 1_000_000, "minutes": 1000,
+}  # fmt: skip
 WITHOUT_BLANKS = frozenset(
     (
         "seconds",

@@ -9,43 +9,22 @@ import numpy as np
 from tests.sources.dialects.stamps import Stamps, make_stamps
 
 NAMES = [
-    "temp",
-    "hum",
-    "pressure",
-    "volts",
-    "dist",
-    "accel_x",
-    "accel_y",
-    "gyro",
-    "flow",
-    "level",
-    "speed",
-    "torque",
-    "light",
-    "CO2",
-    "Load",
-    "Angle",
-]
+    "temp", "hum", "pressure", "volts", "dist", "accel_x", "accel_y", "gyro", "flow", "level", "speed", "torque",
+    "light", "CO2", "Load", "Angle",
+]  # fmt: skip
 SPACED_NAMES = ("Air Temp", "Rel Hum", "Wind Spd", "EXG Channel 0", "Battery Level", "Sensor Value")
 UNITS = ("V", "mm", "hPa", "%", "degC", "°C", "m/s^2", "g", "lux", "mA", "rpm", "kPa")
 WORDS = ("nan", "NaN", "NA", "N/A", "null", "None", "-", "--", "M", "unavailable", "ERR", "missing")
 STATES = ("OK", "STILL", "WALK", "idle", "LOST COMMUNICATION")
 STATUS = (
-    "WiFi reconnecting...",
-    "sensor timeout!",
-    "SD card flushed",
-    "reboot (watchdog)",
-    "calibrating, please wait",
-)
+    "WiFi reconnecting...", "sensor timeout!", "SD card flushed", "reboot (watchdog)", "calibrating, please wait",
+)  # fmt: skip
 PROSE = ("Data logger export", "Recorded at the weather mast behind the barn.", "All times are local standard time")
 PREFACES = ("comments", "pairs", "colons", "prose")
 FACTS = (
-    ("Serial Number", "C030756"),
-    ("Firmware", "v2.31b"),
-    ("Operator", "J. Smith"),
-    ("Site", "Barn 7"),
+    ("Serial Number", "C030756"), ("Firmware", "v2.31b"), ("Operator", "J. Smith"), ("Site", "Barn 7"),
     ("Gain", "24"),
-)
+)  # fmt: skip
 
 
 @dataclass

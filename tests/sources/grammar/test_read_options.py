@@ -79,28 +79,20 @@ def test_a_gap_of_years_is_no_million_rows(read):
     assert read(text, gaps="dt").steps()[-1] > 9e8
 
 
-@pytest.mark.parametrize(
-    ("options", "said"),
-    [
-        ({"time_column": "x"}, "must be one of n, clock, a"),
-        ({"time_column": 3}, "must be one of"),
-        ({"time_column": -1}, "must be one of"),
-        ({"time_column": "none", "time_unit": "s"}, "needs a time column"),
-        ({"time_column": "none", "gaps": "dt"}, "has no time"),
-    ],
-)
+@pytest.mark.parametrize(("options", "said"), [
+    ({"time_column": "x"}, "must be one of n, clock, a"), ({"time_column": 3}, "must be one of"),
+    ({"time_column": -1}, "must be one of"), ({"time_column": "none", "time_unit": "s"}, "needs a time column"),
+    ({"time_column": "none", "gaps": "dt"}, "has no time"),
+])  # fmt: skip
 def test_an_option_that_the_file_cannot_have_is_refused(read, options, said):
     with pytest.raises(BadSetting, match=said):
         read(TIMED, **options)
 
 
-@pytest.mark.parametrize(
-    "options",
-    [
-        *({"delimiter": "x"}, {"decimal": ";"}, {"decimal": ",", "delimiter": ","}, {"time_unit": "fortnight"}),
-        *({"gaps": "holes"}, {"missing": (math.inf,)}),
-    ],
-)
+@pytest.mark.parametrize("options", [
+    *({"delimiter": "x"}, {"decimal": ";"}, {"decimal": ",", "delimiter": ","}, {"time_unit": "fortnight"}),
+    *({"gaps": "holes"}, {"missing": (math.inf,)}),
+])  # fmt: skip
 def test_impossible_options_are_refused(options):
     with pytest.raises(BadSetting, match="got"):
         ReadOptions(**options)

@@ -56,15 +56,12 @@ def test_digits_read_what_was_written(us):
     assert CLOCK_PARSERS["hhmmss"](f"{h:02}{m:02}{s:02}.25") == (h * 3600 + m * 60 + s) * 10**6 + 250_000
 
 
-@pytest.mark.parametrize(
-    ("cell", "seconds"),
-    [
-        *(("18.00.00", 64800), ("7:03:05 P.M.", 68585), ("18:6:3", 65163), ("9:30 a. m.", 34200)),
-        *(("08h30", 30600), ("12:00:00:250", 43200.25), ("12:00:00:5", 43200.005), ("24:00", 86400)),
-        *((cell, None) for cell in ("3:4", "1.2.3", "24:01", "1.5", "56:36.147", "12:60", "0:05 AM", "1" * 65)),
-        ("12:00:00." + "0" * 60, None),
-    ],
-)
+@pytest.mark.parametrize(("cell", "seconds"), [
+    *(("18.00.00", 64800), ("7:03:05 P.M.", 68585), ("18:6:3", 65163), ("9:30 a. m.", 34200)),
+    *(("08h30", 30600), ("12:00:00:250", 43200.25), ("12:00:00:5", 43200.005), ("24:00", 86400)),
+    *((cell, None) for cell in ("3:4", "1.2.3", "24:01", "1.5", "56:36.147", "12:60", "0:05 AM", "1" * 65)),
+    ("12:00:00." + "0" * 60, None),
+])  # fmt: skip
 def test_clocks_are_microseconds_since_midnight(cell, seconds):
     assert parse_clock(cell) == (None if seconds is None else seconds * 1e6)
 
@@ -110,22 +107,19 @@ def test_every_form_reads_what_was_written(name, instant):
         assert parse_calendar(written, "dmy") is parse_calendar(written, "mdy") is None
 
 
-@pytest.mark.parametrize(
-    ("cell", "order", "iso"),
-    [
-        ("1970-01-01T01:00:00+01:00", "ymd", "1970-01-01"),
-        *(("1969-12-31 23:59:59", "ymd", "1969-12-31T23:59:59"), ("2022-02-23T24:00", "ymd", "2022-02-24")),
-        *(("27. Mai 2021 7:18", "dmy", "2021-05-27T07:18"), ("3 août 2021", "dmy", "2021-08-03")),
-        *(("5 juillet 2021", "dmy", "2021-07-05"), ("15-Dez-68", "dmy", "2068-12-15")),
-        *(("15-Dec-69", "dmy", "1969-12-15"), ("2022-02-23 07:18:47 CEST", "ymd", "2022-02-23T05:18:47")),
-        ("2022-02-23T07:18:47.5+01:00[Europe/Berlin]", "ymd", "2022-02-23T06:18:47.5"),
-        ("2022-02-23 07:18:47.375 +0800 CST", "ymd", "2022-02-22T23:18:47.375"),
-        ("Wed Feb 23 2022 07:18:47 GMT+0800 (China Standard Time)", "mdy", "2022-02-22T23:18:47"),
-        ("Feb 23 2022 07:18:47:123PM", "mdy", "2022-02-23T19:18:47.123"),
-        ("2018/8/19 (Sunday) 18:6:3", "ymd", "2018-08-19T18:06:03"),
-        *(("2018年8月19日 18时06分", "ymd", "2018-08-19T18:06"), ("2022-02", "ymd", "2022-02-01")),
-    ],
-)
+@pytest.mark.parametrize(("cell", "order", "iso"), [
+    ("1970-01-01T01:00:00+01:00", "ymd", "1970-01-01"),
+    *(("1969-12-31 23:59:59", "ymd", "1969-12-31T23:59:59"), ("2022-02-23T24:00", "ymd", "2022-02-24")),
+    *(("27. Mai 2021 7:18", "dmy", "2021-05-27T07:18"), ("3 août 2021", "dmy", "2021-08-03")),
+    *(("5 juillet 2021", "dmy", "2021-07-05"), ("15-Dez-68", "dmy", "2068-12-15")),
+    *(("15-Dec-69", "dmy", "1969-12-15"), ("2022-02-23 07:18:47 CEST", "ymd", "2022-02-23T05:18:47")),
+    ("2022-02-23T07:18:47.5+01:00[Europe/Berlin]", "ymd", "2022-02-23T06:18:47.5"),
+    ("2022-02-23 07:18:47.375 +0800 CST", "ymd", "2022-02-22T23:18:47.375"),
+    ("Wed Feb 23 2022 07:18:47 GMT+0800 (China Standard Time)", "mdy", "2022-02-22T23:18:47"),
+    ("Feb 23 2022 07:18:47:123PM", "mdy", "2022-02-23T19:18:47.123"),
+    ("2018/8/19 (Sunday) 18:6:3", "ymd", "2018-08-19T18:06:03"),
+    *(("2018年8月19日 18时06分", "ymd", "2018-08-19T18:06"), ("2022-02", "ymd", "2022-02-01")),
+])  # fmt: skip
 def test_a_stamp_is_this_instant(cell, order, iso):
     assert parse_calendar(cell, order) == microseconds(datetime.fromisoformat(iso))
 
@@ -168,17 +162,14 @@ def days(order, count=11, step=1, start=datetime(2024, 1, 1)):
     return [(start + timedelta(days=step * i)).strftime(pattern) for i in range(count)]
 
 
-@pytest.mark.parametrize(
-    ("cells", "unit", "clock"),
-    [
-        ([f"{i // 60:02}:{i % 60:02}" for i in range(300)], "", "elapsed"),  # it begins at 00:00
-        ([f"{i // 60:02}:{i % 60:02}" for i in range(1440)], "", "h:m:s"),  # the minutes of a day
-        ([f"{i // 6}:{i % 6}0" for i in range(200)], "", "h:mm"),  # more than a day
-        ([f"{i // 6:02}:{i % 6}0" for i in range(100)], "", "h:m:s"),
-        ([f"{i // 60:02}:{i % 60:02}" for i in range(300, 600)], "", "h:m:s"),
-        ([f"{i // 60:02}:{i % 60:02}" for i in range(300, 600)], "s", "elapsed"),  # Time (mm:ss)
-    ],
-)
+@pytest.mark.parametrize(("cells", "unit", "clock"), [
+    ([f"{i // 60:02}:{i % 60:02}" for i in range(300)], "", "elapsed"),  # it begins at 00:00
+    ([f"{i // 60:02}:{i % 60:02}" for i in range(1440)], "", "h:m:s"),  # the minutes of a day
+    ([f"{i // 6}:{i % 6}0" for i in range(200)], "", "h:mm"),  # more than a day
+    ([f"{i // 6:02}:{i % 6}0" for i in range(100)], "", "h:m:s"),
+    ([f"{i // 60:02}:{i % 60:02}" for i in range(300, 600)], "", "h:m:s"),
+    ([f"{i // 60:02}:{i % 60:02}" for i in range(300, 600)], "s", "elapsed"),  # Time (mm:ss)
+])  # fmt: skip
 def test_two_numbers_are_hours_and_minutes_unless_start_or_name_say_minutes_and_seconds(cells, unit, clock):
     form = find_stamp_form(cells, ".", TimeName(2, unit))
     assert form.clock == clock

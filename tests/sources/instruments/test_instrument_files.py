@@ -93,18 +93,15 @@ def test_a_whole_file_as_it_is_or_copied_by_a_script(name, copied, read):
 TABLE = ["t,a", "0,1", "1,2", "2,3"]
 
 
-@pytest.mark.parametrize(
-    ("line", "period"),
-    [
-        *(("# Sampling Rate: 250 Hz", 0.004), ("% fs = 100", 0.01), ("Sample Interval,1.0,ms,", 1e-3)),
-        ('"Sampling Frequency (Hz)=",500000000,', 2e-9),
-        *(("# Config: data_rate = 2000.0 Hz, filter = 488 Hz", 5e-4), ("// Sampling interval (ms): 10", 0.01)),
-        *(('"Epoch Length:","30","seconds",""', 30.0), ("Sample Rate 100 Hz", 0.01)),
-        *(("# Sampling Period = 4us", 4e-6), ("Abtastrate: 50 Hz", 0.02), ("; Samplerate: 20 MHz", 5e-8)),
-        *(("# sampled at 125 Hz", 0.008), ("# fps: 30", 1 / 30), ('# fs = "12,50"', 0.08)),
-        *(("Sample interval = 0,001 s", 1e-3), ("# gain=2,fs=100,filter=5", 0.01)),
-    ],
-)
+@pytest.mark.parametrize(("line", "period"), [
+    *(("# Sampling Rate: 250 Hz", 0.004), ("% fs = 100", 0.01), ("Sample Interval,1.0,ms,", 1e-3)),
+    ('"Sampling Frequency (Hz)=",500000000,', 2e-9),
+    *(("# Config: data_rate = 2000.0 Hz, filter = 488 Hz", 5e-4), ("// Sampling interval (ms): 10", 0.01)),
+    *(('"Epoch Length:","30","seconds",""', 30.0), ("Sample Rate 100 Hz", 0.01)),
+    *(("# Sampling Period = 4us", 4e-6), ("Abtastrate: 50 Hz", 0.02), ("; Samplerate: 20 MHz", 5e-8)),
+    *(("# sampled at 125 Hz", 0.008), ("# fps: 30", 1 / 30), ('# fs = "12,50"', 0.08)),
+    *(("Sample interval = 0,001 s", 1e-3), ("# gain=2,fs=100,filter=5", 0.01)),
+])  # fmt: skip
 def test_a_rate_above_the_table(line, period):
     found = find_preface(["My logger 3.1", line, *TABLE])
     assert found is not None
@@ -112,14 +109,11 @@ def test_a_rate_above_the_table(line, period):
     assert found.header_row is None
 
 
-@pytest.mark.parametrize(
-    "line",
-    [
-        *("# Sampling Rate: unknown", "# Sampling Rate: 0 Hz", "# Sampling Rate: 1e999 Hz"),
-        *("# Sampling Rate: 250 apples", "# Sampling rate: 1,000 Hz", "# Sampling rate: 1,000.5 Hz"),
-        *("Sample interval = 2,500 ms", "# heart rate: 60", "# Range = 4 g, filter = 488 Hz", "rate"),
-    ],
-)
+@pytest.mark.parametrize("line", [
+    *("# Sampling Rate: unknown", "# Sampling Rate: 0 Hz", "# Sampling Rate: 1e999 Hz"),
+    *("# Sampling Rate: 250 apples", "# Sampling rate: 1,000 Hz", "# Sampling rate: 1,000.5 Hz"),
+    *("Sample interval = 2,500 ms", "# heart rate: 60", "# Range = 4 g, filter = 488 Hz", "rate"),
+])  # fmt: skip
 def test_no_rate(line):
     assert find_preface([line, *TABLE]) == Preface()
 

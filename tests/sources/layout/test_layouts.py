@@ -63,13 +63,10 @@ def test_rows_from_before_a_field_was_added_lack_it_and_a_lone_short_row_is_torn
     assert "rows of 2 fields" in notes_of(recording)
 
 
-@pytest.mark.parametrize(
-    ("cell", "value", "unit"),
-    [
-        *(("26.{}C", 26.0, "C"), ("4{}%", 40.0, "%"), ("3.{} V", 3.0, "V"), ('"12,{}"', 12.0, "")),
-        *(('"1,23{}.5"', 1230.5, ""), ("+1.{}", 1.0, ""), ("1{}e-3", 0.01, "")),
-    ],
-)
+@pytest.mark.parametrize(("cell", "value", "unit"), [
+    *(("26.{}C", 26.0, "C"), ("4{}%", 40.0, "%"), ("3.{} V", 3.0, "V"), ('"12,{}"', 12.0, "")),
+    *(('"1,23{}.5"', 1230.5, ""), ("+1.{}", 1.0, ""), ("1{}e-3", 0.01, "")),
+])  # fmt: skip
 def test_the_numbers_of_a_column_are_read_by_the_form_that_all_have(read, cell, value, unit):
     recording = read("t,a\n" + "".join(f"{t},{cell.format(i % 7)}\n" for i, (t, _) in enumerate(PAIRS)))
     assert recording.values[0, 0] == value
@@ -124,31 +121,24 @@ def test_a_date_and_a_clock_of_six_digits_each_are_one_time(read, form):
     assert any("2024-03-30T22:00:00" in note for note in recording.report.notes)
 
 
-@pytest.mark.parametrize(
-    ("text", "name", "unit"),
-    [
-        *(("accel (m/s^2)", "accel", "m/s^2"), ("t [us]", "t", "us"), ("gX [°/s]", "gX", "°/s")),
-        *(("Distance_cm", "Distance_cm", "cm"), ("CO(GT)", "CO(GT)", ""), ("a_x", "a_x", "")),
-        *(("plain", "plain", ""), ("Pressure in hPa", "Pressure", "hPa")),
-        ("Temp, °C (LGR S/N: 10229, SEN S/N: 10229)", "Temp", "°C"),
-        *(("Coupler (LGR S/N: 10229)", "Coupler (LGR S/N: 10229)", ""), ("spin in place", "spin in place", "")),
-    ],
-)
+@pytest.mark.parametrize(("text", "name", "unit"), [
+    *(("accel (m/s^2)", "accel", "m/s^2"), ("t [us]", "t", "us"), ("gX [°/s]", "gX", "°/s")),
+    *(("Distance_cm", "Distance_cm", "cm"), ("CO(GT)", "CO(GT)", ""), ("a_x", "a_x", "")),
+    *(("plain", "plain", ""), ("Pressure in hPa", "Pressure", "hPa")),
+    ("Temp, °C (LGR S/N: 10229, SEN S/N: 10229)", "Temp", "°C"),
+    *(("Coupler (LGR S/N: 10229)", "Coupler (LGR S/N: 10229)", ""), ("spin in place", "spin in place", "")),
+])  # fmt: skip
 def test_a_unit_stands_in_brackets_or_as_a_clear_suffix(text, name, unit):
     column = named_column(text)
     assert (column.name, column.unit) == (name, unit)
 
 
-@pytest.mark.parametrize(
-    ("header", "step", "names"),
-    [
-        ("count,a", 1, ("a",)),
-        ("Index,a", 1, ("a",)),
-        ("count,a", 2, ("count", "a")),  # a counter of something else
-        ("light,a", 1, ("light", "a")),  # no row number by its name
-        ("count", 1, ("count",)),  # all there is
-    ],
-)
+@pytest.mark.parametrize(("header", "step", "names"), [
+    ("count,a", 1, ("a",)), ("Index,a", 1, ("a",)),
+    ("count,a", 2, ("count", "a")),  # a counter of something else
+    ("light,a", 1, ("light", "a")),  # no row number by its name
+    ("count", 1, ("count",)),  # all there is
+])  # fmt: skip
 def test_a_column_that_numbers_the_rows_is_no_channel(read, header, step, names):
     cells = [[str(step * i), str((7 * i) % 5)][: header.count(",") + 1] for i in range(20)]
     assert read("\n".join([header, *map(",".join, cells), ""])).names == names

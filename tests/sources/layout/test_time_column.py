@@ -45,15 +45,12 @@ def name_of(named):
     return [list(named)[i] for i in time.indices] if time else []
 
 
-@pytest.mark.parametrize(
-    "bad",
-    [
-        NOISE,  # goes back and forth
-        ["" if i % 3 else str(i) for i in range(N)],  # half empty
-        [str(i // 20) for i in range(N)],  # coarser
-        ["7"] * N,  # never changes
-    ],
-)
+@pytest.mark.parametrize("bad", [
+    NOISE,  # goes back and forth
+    ["" if i % 3 else str(i) for i in range(N)],  # half empty
+    [str(i // 20) for i in range(N)],  # coarser
+    ["7"] * N,  # never changes
+])  # fmt: skip
 @pytest.mark.parametrize("is_first", [True, False])
 def test_a_full_rising_fine_column_outranks_a_better_name(bad, is_first):
     good = [f"{1551453301 + 0.02 * i:.3f}" for i in range(N)]
@@ -93,17 +90,12 @@ def test_a_date_and_a_clock_beside_it_are_one_time(date, clock, is_date_first):
 SIX = {"Year": "%Y", "Month": "%m", "Day": "%d", "Hour": "%H", "Minute": "%M", "Second": "%S"}
 
 
-@pytest.mark.parametrize(
-    "parts",
-    [
-        SIX,
-        {"YEAR": "%Y", "mon": "%m", "dd": "%d", "hr": "%H", "min": "%M"},
-        {"#YY": "%y", "MM": "%m", "DD": "%d", "hh": "%H", "mm": "%M"},
-        {"Year": "%Y", "Month": "%m", "Day": "%d", "Time": "%H:%M"},
-        {"Year": "%Y", "DOY": "%j", "HHMM": "%H%M"},
-        {"year": "%Y", "day_of_year": "%j", "hour": "%H", "minute": "%M"},
-    ],
-)
+@pytest.mark.parametrize("parts", [
+    SIX, {"YEAR": "%Y", "mon": "%m", "dd": "%d", "hr": "%H", "min": "%M"},
+    {"#YY": "%y", "MM": "%m", "DD": "%d", "hh": "%H", "mm": "%M"},
+    {"Year": "%Y", "Month": "%m", "Day": "%d", "Time": "%H:%M"}, {"Year": "%Y", "DOY": "%j", "HHMM": "%H%M"},
+    {"year": "%Y", "day_of_year": "%j", "hour": "%H", "minute": "%M"},
+])  # fmt: skip
 def test_date_columns_of_any_name_are_one_time(parts):
     columns, rows = made({**{name: stamps(code, 60) for name, code in parts.items()}, "a": NOISE})
     time = find_time(columns, rows, ".", named=True)
@@ -125,14 +117,11 @@ def test_date_columns_without_a_header_are_known_by_their_ranges(has_day_of_year
     assert parse(rows[5]) - parse(rows[0]) == 300e6
 
 
-@pytest.mark.parametrize(
-    ("names", "codes", "step"),
-    [
-        ("sec msec", (lambda t: t // 1000, lambda t: t % 1000), 40),
-        ("secs nsecs", (lambda t: t // 1000, lambda t: t % 1000 * 10**6), 40e6),
-        ("week tow_ms", (lambda t: t // 604_800_000, lambda t: t % 604_800_000), 40),
-    ],
-)
+@pytest.mark.parametrize(("names", "codes", "step"), [
+    ("sec msec", (lambda t: t // 1000, lambda t: t % 1000), 40),
+    ("secs nsecs", (lambda t: t // 1000, lambda t: t % 1000 * 10**6), 40e6),
+    ("week tow_ms", (lambda t: t // 604_800_000, lambda t: t % 604_800_000), 40),
+])  # fmt: skip
 def test_a_column_that_counts_the_turns_of_the_next_is_taken_with_it(names, codes, step):
     cells = ([str(code(1_709_769_599_000 + 40 * i)) for i in range(N)] for code in codes)
     columns, rows = made({**dict(zip(names.split(), cells, strict=True)), "a": NOISE})

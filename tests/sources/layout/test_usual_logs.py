@@ -50,264 +50,146 @@ def log(right, *content):
 
 
 LOGS = {
-    "Python tuples, and blanks": log(
-        "0.1 s, value 1 = A; value 2 = B", lambda i: f" ({i / 10:.1f}, {A[i]}, {B[i]} )"
-    ),
-    "a dict as Python prints it": log(
-        "0.05 s, temp = A", lambda i: f"{{'ms': {50 * i}, 'temp': {A[i]}, 'ok': True}}"
-    ),
+    "Python tuples, and blanks": log("0.1 s, value 1 = A; value 2 = B",
+        lambda i: f" ({i / 10:.1f}, {A[i]}, {B[i]} )"),
+    "a dict as Python prints it": log("0.05 s, temp = A",
+        lambda i: f"{{'ms': {50 * i}, 'temp': {A[i]}, 'ok': True}}"),
     "date_time of a shell": log("10 s, temp = A", lambda i: f"2024-03-05_{clock(i)} temp={A[i]}"),
-    "Klipper": log(
-        "1 s, bed: temp = A; bed: pwm = B; nozzle: temp = A; nozzle: pwm = B",
-        lambda i: f"Stats {812.4 + i:.1f}: bed: temp={A[i]} pwm={B[i]} nozzle: temp={A[i]} pwm={B[i]}",
-    ),
-    "syslog, RFC 5424": log(
-        "10 s, temp = A", lambda i: f"<134>1 2024-05-17T{clock(i)}Z pi app 412 - - temp={A[i]}"
-    ),
-    "Rigol, with an increment": log(
-        "1e-05 s, value 1 = A", "X,CH1,Start,Increment\nSequence,Volt,-1e-03,1e-05\n", lambda i: f"{i},{A[i]},"
-    ),
-    "Campbell, minima and means": log(
-        "10 s, batt [V] = A; temp [Deg C] = B",
+    "Klipper": log("1 s, bed: temp = A; bed: pwm = B; nozzle: temp = A; nozzle: pwm = B",
+        lambda i: f"Stats {812.4 + i:.1f}: bed: temp={A[i]} pwm={B[i]} nozzle: temp={A[i]} pwm={B[i]}"),
+    "syslog, RFC 5424": log("10 s, temp = A",
+        lambda i: f"<134>1 2024-05-17T{clock(i)}Z pi app 412 - - temp={A[i]}"),
+    "Rigol, with an increment": log("1e-05 s, value 1 = A", "X,CH1,Start,Increment\nSequence,Volt,-1e-03,1e-05\n",
+        lambda i: f"{i},{A[i]},"),
+    "Campbell, minima and means": log("10 s, batt [V] = A; temp [Deg C] = B",
         '"TOA5","site"\n"TIMESTAMP","batt","temp"\n"TS","Volts","Deg C"\n"","Min","Avg"\n',
-        lambda i: f'"2024-05-17 {clock(i)}",{A[i]},{B[i]}',
-    ),
-    "ArduPilot": log(
-        "0.04 s, GyrX = A; GyrY = B",
-        "FMT, 129, 31, IMU, Qff, TimeUS,GyrX,GyrY\n",
-        lambda i: f"IMU, {40000 * i + 8123456}, {A[i]}, {B[i]}",
-    ),
+        lambda i: f'"2024-05-17 {clock(i)}",{A[i]},{B[i]}'),
+    "ArduPilot": log("0.04 s, GyrX = A; GyrY = B", "FMT, 129, 31, IMU, Qff, TimeUS,GyrX,GyrY\n",
+        lambda i: f"IMU, {40000 * i + 8123456}, {A[i]}, {B[i]}"),
     "Davis": log("1800 s, Temp = A", "Date\tTime\tTemp\n", lambda i: f"5/{17 + i // 48}/24\t{davis(i)}\t{A[i]}"),
     "Julian dates": log("1080 s, mag = A", "HJD,mag\n", lambda i: f"{2455000.5 + i / 80:.4f},{A[i]}"),
-    "HoboWare text": log(
-        "10 s, Temp. [°C] = A",
-        "Plot-Titel: Keller\n#\tDatum Zeit, GMT+02:00\tTemp., °C\n",
-        lambda i: f"{i + 1}\t17.05.2024 {clock(i)}\t{german(A[i])}",
-    ),
-    "Excel, two digits of the year": log(
-        "10 s, Temp [°C] = A; Druck [hPa] = B",
+    "HoboWare text": log("10 s, Temp. [°C] = A", "Plot-Titel: Keller\n#\tDatum Zeit, GMT+02:00\tTemp., °C\n",
+        lambda i: f"{i + 1}\t17.05.2024 {clock(i)}\t{german(A[i])}"),
+    "Excel, two digits of the year": log("10 s, Temp [°C] = A; Druck [hPa] = B",
         "sep=;\nDatum;Uhrzeit;Temp (°C);Druck (hPa)\n",
-        lambda i: f"17.05.24;{clock(i)};{german(A[i])};{german(B[i])}",
-    ),
-    "multimeter": log(
-        "10 s, Sample [V DC] = A",
-        "Reading,Sample,Start Time\n",
-        lambda i: f"{i + 1},{A[i]} V DC,05/17/2024 {clock(i)}",
-    ),
-    "terminal with colours": log(
-        "no rate, value 1 = A; value 2 = B",
+        lambda i: f"17.05.24;{clock(i)};{german(A[i])};{german(B[i])}"),
+    "multimeter": log("10 s, Sample [V DC] = A", "Reading,Sample,Start Time\n",
+        lambda i: f"{i + 1},{A[i]} V DC,05/17/2024 {clock(i)}"),
+    "terminal with colours": log("no rate, value 1 = A; value 2 = B",
         "=~=~= PuTTY log 2024.05.17 09:30:00 =~=~=\r\n\x1b[2J\x1b[H",
-        lambda i: f"\x1b[0;32m{A[i]},{B[i]}\x1b[0m\r",
-    ),
-    "ESPHome": log(
-        "10 s, Barn [°C] = A; Air [hPa] = B",
+        lambda i: f"\x1b[0;32m{A[i]},{B[i]}\x1b[0m\r"),
+    "ESPHome": log("10 s, Barn [°C] = A; Air [hPa] = B",
         "INFO Starting log output\n[09:00:00][C][wifi:410]:   SSID: 'home'\n",
-        lambda i: (
-            f"[{clock(i)}][D][sensor:094]: 'Barn': Sending state {A[i]} °C with 1 decimals of accuracy\n"
-            f"[{clock(i)}][D][sensor:094]: 'Air' >> {B[i]} hPa"
-        ),
-    ),
-    "Tasmota": log(
-        "10 s, tele/x/SENSOR.BME280.Temp = A; tele/x/SENSOR.BME280.P = B",
-        lambda i: f'{clock(i)}.5 MQT: tele/x/SENSOR = {{"BME280":{{"Temp":{A[i]},"P":{B[i]}}},"Unit":"C"}}',
-    ),
-    "topics with stamps": log(
-        "1 s, barn/temp = A; barn/pressure = B",
-        lambda i: f"{1715931000 + i}.123 barn/temp {A[i]}\n{1715931000 + i}.125 barn/pressure {B[i]}",
-    ),
-    "a value a line": log(
-        "no rate, Temperature [C] = A; Pressure [hPa] = B",
-        lambda i: f"Temperature: {A[i]} *C\nPressure: {B[i]} hPa\n",
-    ),
-    "French thousands": log(
-        "10 s, Pression = B",
-        "Heure;Pression\n",
-        lambda i: f"{clock(i)};{f'{B[i]:,.2f}'.replace(',', ' ').replace('.', ',')}",
-    ),
-    "table in Markdown": log(
-        "10 s, temp = A", "| t | temp |\n|------|------|\n", lambda i: f"| {clock(i)} | {A[i]} |"
-    ),
-    "axes": log(
-        "no rate, Acceleration X = A; Rotation Y = B",
-        "MPU6050 Found!\n",
-        lambda i: f"Acceleration X: {A[i]}, Y: 2.5, Z: 9.81 m/s^2\nRotation X: 0.1, Y: {B[i]}, Z: 0.02 rad/s",
-    ),
-    "system log": log(
-        "1 s, temp = A; p = B", lambda i: f"May 17 {clock(i, 1)} raspberrypi sensor[612]: temp={A[i]} p={B[i]}"
-    ),
-    "several values of one name at a stamp": log(
-        "0.25 s, temp = A; hum = B",
-        "time,name,value\n",
-        lambda i: f"{clock(i // 4, 1)},temp,{A[i]}\n{clock(i // 4, 1)},hum,{B[i]}",
-    ),
-    "sensors in turn, two values each": log(
-        "60 s, bath temp = A; bath hum = B; cellar temp = B",
+        lambda i: f"[{clock(i)}][D][sensor:094]: 'Barn': Sending state {A[i]} °C with 1 decimals of accuracy\n"
+                  f"[{clock(i)}][D][sensor:094]: 'Air' >> {B[i]} hPa"),
+    "Tasmota": log("10 s, tele/x/SENSOR.BME280.Temp = A; tele/x/SENSOR.BME280.P = B",
+        lambda i: f'{clock(i)}.5 MQT: tele/x/SENSOR = {{"BME280":{{"Temp":{A[i]},"P":{B[i]}}},"Unit":"C"}}'),
+    "topics with stamps": log("1 s, barn/temp = A; barn/pressure = B",
+        lambda i: f"{1715931000 + i}.123 barn/temp {A[i]}\n{1715931000 + i}.125 barn/pressure {B[i]}"),
+    "a value a line": log("no rate, Temperature [C] = A; Pressure [hPa] = B",
+        lambda i: f"Temperature: {A[i]} *C\nPressure: {B[i]} hPa\n"),
+    "French thousands": log("10 s, Pression = B", "Heure;Pression\n",
+        lambda i: f"{clock(i)};{f'{B[i]:,.2f}'.replace(',', ' ').replace('.', ',')}"),
+    "table in Markdown": log("10 s, temp = A", "| t | temp |\n|------|------|\n",
+        lambda i: f"| {clock(i)} | {A[i]} |"),
+    "axes": log("no rate, Acceleration X = A; Rotation Y = B", "MPU6050 Found!\n",
+        lambda i: f"Acceleration X: {A[i]}, Y: 2.5, Z: 9.81 m/s^2\nRotation X: 0.1, Y: {B[i]}, Z: 0.02 rad/s"),
+    "system log": log("1 s, temp = A; p = B",
+        lambda i: f"May 17 {clock(i, 1)} raspberrypi sensor[612]: temp={A[i]} p={B[i]}"),
+    "several values of one name at a stamp": log("0.25 s, temp = A; hum = B", "time,name,value\n",
+        lambda i: f"{clock(i // 4, 1)},temp,{A[i]}\n{clock(i // 4, 1)},hum,{B[i]}"),
+    "sensors in turn, two values each": log("60 s, bath temp = A; bath hum = B; cellar temp = B",
         "time,room,temp,hum\n",
-        lambda i: f"{clock(i, 60)},bath,{A[i]},{B[i]}\n{clock(i, 60)},cellar,{B[i]},{A[i]}",
-    ),
-    "decimal commas, a comma and a blank between cells": log(
-        "1 s, temp = A; pres = B",
-        "t, temp, pres\n" + rows(lambda i: f"{i}, {A[i]:.2f}, {B[i]:.2f}\n".replace(".", ",")),
-    ),
+        lambda i: f"{clock(i, 60)},bath,{A[i]},{B[i]}\n{clock(i, 60)},cellar,{B[i]},{A[i]}"),
+    "decimal commas, a comma and a blank between cells": log("1 s, temp = A; pres = B",
+        "t, temp, pres\n" + rows(lambda i: f"{i}, {A[i]:.2f}, {B[i]:.2f}\n".replace(".", ","))),
     "a comma after a unit": log("5 s, value 1 [C] = A", lambda i: f"{clock(i, 5)} {A[i]}C, {B[i]}%"),
-    "Sea-Bird": log(
-        "0.25 s, t090C: Temperature [deg C] = A",
+    "Sea-Bird": log("0.25 s, t090C: Temperature [deg C] = A",
         "* Sea-Bird SBE 19plus\n# name 0 = timeS: Time, Elapsed [seconds]\n# name 1 = t090C: Temperature [deg C]\n"
-        "1 2\n3 4\n*END*\n",
-        lambda i: f"{i / 4:11.3f}{A[i]:11.4f}",
-    ),
-    "a table of calibration above": log(
-        "0.1 s, p = A", "Logger 4\npoint,raw\n0,102\n1,480\n2,901\n\ntime,p\n", lambda i: f"{i / 10},{A[i]}"
-    ),
-    "settings with :=": log(
-        "0.001 s, ECG [mV] = A; EDA [uS] = B",
-        "# Sampling Rate (Hz):= 1000.00\n# Labels:= ECG;EDA\n# Units:= mV;uS\n",
-        lambda i: f"{A[i]}\t{B[i]}",
-    ),
+        "1 2\n3 4\n*END*\n", lambda i: f"{i / 4:11.3f}{A[i]:11.4f}"),
+    "a table of calibration above": log("0.1 s, p = A", "Logger 4\npoint,raw\n0,102\n1,480\n2,901\n\ntime,p\n",
+        lambda i: f"{i / 10},{A[i]}"),
+    "settings with :=": log("0.001 s, ECG [mV] = A; EDA [uS] = B",
+        "# Sampling Rate (Hz):= 1000.00\n# Labels:= ECG;EDA\n# Units:= mV;uS\n", lambda i: f"{A[i]}\t{B[i]}"),
     "a ramp without a name": log("0.02 s, value 1 = A", lambda i: f"{A[i]},{i / 50:.2f}"),
     "X beside a voltage": log("2e-06 s, CH 1 [V] = A", "X,CH 1 (V)\n", lambda i: f"{2e-6 * i:.7f},{A[i]}"),
     "one value with a unit": log("1 s, f = A, NaN", "t,f\n" + rows(lambda i: f"{i},{A[i]}\n") + f"{N},1N\n"),
-    "a broken date beside a clock": log(
-        "10 s, a = A",
-        "date,time,a\n",
-        lambda i: f"{'165/165/2165' if i % 3 == 0 else '05/03/2024'},{clock(i)},{A[i]}",
-    ),
-    "rows that wait, and come at once": log(
-        "0.1 s, a = A",
-        "time_s,a\n",
-        lambda i: f"{0.1 * i + (0.09 * (5 - i % 20) if 0 < i % 20 < 5 else 0):.3f},{A[i]}",
-    ),
-    "rows out of order": log(
-        "10 s, a = A",
-        "time,a\n"
-        + "".join(
-            f"{clock(i)},{A[i]}\n".replace("09:", "2024-03-05 09:")
-            for i in sorted(range(N), key=lambda i: i * 7 % N)
-        ),
-    ),
-    "NMEA": log(
-        "1 s, altitude [m] = A",
-        rows(
-            lambda i: nmea(
-                f"GPGGA,{clock(i, 1).replace(':', '').zfill(6)}.00,4807.0,N,01131.0,E,1,08,0.9,{A[i]},M,46.9,M,,"
-            )
-        )
-        + nmea("GPGSV,1,1,00"),
-    ),
-    "weekdays are no sensors": log(
-        "86400 s, a = A", "date,day,a\n", lambda i: f"2024-{3 + i // 28:02}-{1 + i % 28:02},{DAYS[i % 7]},{A[i]}"
-    ),
+    "a broken date beside a clock": log("10 s, a = A", "date,time,a\n",
+        lambda i: f"{'165/165/2165' if i % 3 == 0 else '05/03/2024'},{clock(i)},{A[i]}"),
+    "rows that wait, and come at once": log("0.1 s, a = A", "time_s,a\n",
+        lambda i: f"{0.1 * i + (0.09 * (5 - i % 20) if 0 < i % 20 < 5 else 0):.3f},{A[i]}"),
+    "rows out of order": log("10 s, a = A",
+        "time,a\n" + "".join(f"2024-03-05 {clock(i)},{A[i]}\n" for i in sorted(range(N), key=lambda i: i * 7 % N))),
+    "NMEA": log("1 s, altitude [m] = A",
+        rows(lambda i: nmea(f"GPGGA,0900{i:02}.00,4807.0,N,01131.0,E,1,08,0.9,{A[i]},M,46.9,M,,")),
+        nmea("GPGSV,1,1,00")),
+    "weekdays are no sensors": log("86400 s, a = A", "date,day,a\n",
+        lambda i: f"2024-{3 + i // 28:02}-{1 + i % 28:02},{DAYS[i % 7]},{A[i]}"),
     "256 columns and a separator": log("no rate, value 256 = A", lambda i: ";".join([str(A[i])] * 256) + ";"),
-    "MQTT: an object in quotes": log(
-        "10 s, t = A",
-        lambda i: f"[2024-03-01 {clock(i)}] info: z2m: topic 'home/0x15', payload '{{\"n\": 1, \"t\": {A[i]}}}'",
-    ),
-    "nRF and Zephyr: µs behind ms": log(
-        "1.001 s, bpm = A", lambda i: f"00> [{clock(i, 1)}.{i:03},250] <info> app: bpm: {A[i]}"
-    ),
+    "MQTT: an object in quotes": log("10 s, t = A",
+        lambda i: f"[2024-03-01 {clock(i)}] info: z2m: topic 'home/0x15', payload '{{\"n\": 1, \"t\": {A[i]}}}'"),
+    "nRF and Zephyr: µs behind ms": log("1.001 s, bpm = A",
+        lambda i: f"00> [{clock(i, 1)}.{i:03},250] <info> app: bpm: {A[i]}"),
     "a count and a colon": log("0.1 s, PV = A", lambda i: f"{i * 100}: SP=30.0 PV={A[i]} OUT=4%"),
-    **{
-        f"a stamp written {stamp}": log("0.01 s, T [C] = A", lambda i, s=stamp: f"{s.format(i * 10)}T: {A[i]} C")
-        for stamp in ("{}ms ", "[{}ms] ", "({}ms) ")
-    },
+    **{f"a stamp written {stamp}": log("0.01 s, T [C] = A", lambda i, s=stamp: f"{s.format(i * 10)}T: {A[i]} C")
+        for stamp in ("{}ms ", "[{}ms] ", "({}ms) ")},
     "a clock and a bar": log("10 s, T = A; H = B", lambda i: f"{clock(i)} | T={A[i]} | H={B[i]}"),
     "a table in bars": log("0.1 s, value 1 = A", lambda i: f"| {i / 10} | {A[i]} |"),
     "a count with its unit": log("0.01 s, T [C] = A", lambda i: f"{i * 10} ms: T= {A[i]} C"),
     "time in pairs with its unit": log("0.01 s, t2 [C] = A", lambda i: f"time: {i * 10} ms, t2: {A[i]} C"),
     "Keithley": log("0.1 s, value 1 [VDC] = A", lambda i: f"+{A[i]:.4E}VDC,+{i * 0.1:08.3f}SECS"),
     "vcgencmd": log("no rate, value 1 ['C] = A; value 2 = B", lambda i: f"cpu {A[i]}'C load {B[i]}"),
-    "Rigol MSO": log(
-        "1e-06 s, CH1V = A; CH2V = B", "CH1V,CH2V,t0 =-8.5e-05, tInc = 1e-06,\n", lambda i: f"{A[i]},{B[i]},,"
-    ),
-    "EasyLog: a serial number beside the first row": log(
-        "10 s, Celsius [°C] = A",
+    "Rigol MSO": log("1e-06 s, CH1V = A; CH2V = B", "CH1V,CH2V,t0 =-8.5e-05, tInc = 1e-06,\n",
+        lambda i: f"{A[i]},{B[i]},,"),
+    "EasyLog: a serial number beside the first row": log("10 s, Celsius [°C] = A",
         "EL-USB-2,Time,Celsius(°C),Serial Number\n",
-        lambda i: f"{i + 1},17/03/2024 {clock(i)},{A[i]}{',010012345' if i == 0 else ''}",
-    ),
-    "PhysioNet": log(
-        "0.004 s, MLII [mV] = A",
-        "'Elapsed time','MLII'\n'hh:mm:ss.mmm','mV'\n",
-        lambda i: f"'0:{i * 0.004:06.3f}',{A[i]}",
-    ),
-    "KNMI: a day and an hour, and a bare mark below the names": log(
-        "3600 s, T = A",
-        "# STN,YYYYMMDD,   HH,    T\n#\n",
-        lambda i: f"  260,202403{1 + i // 24:02},{i % 24 + 1:5},{A[i]}",
-    ),
-    "USGS: widths below the names": log(
-        "900 s, flow = A",
-        "site\tdatetime\tflow\n15s\t20d\t14n\n",
-        lambda i: f"0164\t2024-03-01 {clock(i, 900)}\t{A[i]}",
-    ),
-    "sar: names beside a stamp": log(
-        "10 s, value 1 = A; value 2 = B",
+        lambda i: f"{i + 1},17/03/2024 {clock(i)},{A[i]}{',010012345' if i == 0 else ''}"),
+    "PhysioNet": log("0.004 s, MLII [mV] = A", "'Elapsed time','MLII'\n'hh:mm:ss.mmm','mV'\n",
+        lambda i: f"'0:{i * 0.004:06.3f}',{A[i]}"),
+    "KNMI: a day and an hour, and a bare mark below the names": log("3600 s, T = A",
+        "# STN,YYYYMMDD,   HH,    T\n#\n", lambda i: f"  260,202403{1 + i // 24:02},{i % 24 + 1:5},{A[i]}"),
+    "USGS: widths below the names": log("900 s, flow = A", "site\tdatetime\tflow\n15s\t20d\t14n\n",
+        lambda i: f"0164\t2024-03-01 {clock(i, 900)}\t{A[i]}"),
+    "sar: names beside a stamp": log("10 s, value 1 = A; value 2 = B",
         f"Linux 6.1.0 (host) 03/17/24 _x86_64_\n\n{clock(0)} CPU %user %idle\n",
-        lambda i: f"{clock(i + 1)} all {A[i]} {B[i]}",
-    ),
-    "Octave: a scalar above": log(
-        "no rate, value 1 = A",
+        lambda i: f"{clock(i + 1)} all {A[i]} {B[i]}"),
+    "Octave: a scalar above": log("no rate, value 1 = A",
         f"# Created by Octave\n# type: scalar\n250\n\n\n# type: matrix\n# rows: {N}\n# columns: 1\n",
-        lambda i: f" {A[i]}",
-    ),
+        lambda i: f" {A[i]}"),
     "Mathematica": log("0.25 s, value 1 = A", lambda i: f"{{{i / 4}, {A[i]}}},"),
-    "RRDtool: no name above the time": log(
-        "300 s, temp = A; hum = B",
-        "             temp       hum\n\n",
-        lambda i: f"{1710664200 + 300 * i}: {A[i]:.4e} {B[i]:.6e}",
-    ),
-    "names and units in comments": log(
-        "0.01 s, pos [mm] = A; vel [mm/s] = B",
-        "%time  pos  vel\n%s  mm  mm/s\n",
-        lambda i: f"{i / 100}  {A[i]}  {B[i]}",
-    ),
+    "RRDtool: no name above the time": log("300 s, temp = A; hum = B", "             temp       hum\n\n",
+        lambda i: f"{1710664200 + 300 * i}: {A[i]:.4e} {B[i]:.6e}"),
+    "names and units in comments": log("0.01 s, pos [mm] = A; vel [mm/s] = B", "%time  pos  vel\n%s  mm  mm/s\n",
+        lambda i: f"{i / 100}  {A[i]}  {B[i]}"),
     "MATLAB days": log("60 s, value = A", "datenum,value\n", lambda i: f"{739328.354224537 + i / 1440:.9f},{A[i]}"),
-    "pairs with a bar between": log(
-        "no rate, Angle: x = A; Angle: y = B", lambda i: f"Angle: x= {A[i]} |\ty= {B[i]} |"
-    ),
+    "pairs with a bar between": log("no rate, Angle: x = A; Angle: y = B",
+        lambda i: f"Angle: x= {A[i]} |\ty= {B[i]} |"),
     "a message between marks": log("no rate, value 2 = B", lambda i: f"<{A[i]},{B[i]}>"),
     "Fortran": log("0.01 s, value 1 = A", rows(lambda i: f" {i / 100:.2E} {A[i]:.4E}\n".replace("E", "D"))),
-    "Graphtec: a blank after the sign, names above units": log(
-        "10 s, CH1 [degC] = A",
-        "NO.,Time,ms,CH1\nNO.,Time,ms,degC\n",
-        lambda i: f"{i + 1},2024/03/05 {clock(i)},0,+{A[i]:8.2f}",
-    ),
-    "Android": log(
-        "1 s, x = A; y = B", lambda i: f"03-05 {clock(i, 1)}.250  1234  5678 D SENSOR  : x={A[i]} y={B[i]}"
-    ),
-    "text for a spreadsheet": log(
-        "10 s, Temperature [℃] = A", "Time,Temperature(℃)\n", lambda i: f'="2024-03-05 {clock(i)}",="{A[i]}"'
-    ),
-    "ngspice: names between rules": log(
-        "1e-06 s, v(out) = A",
-        f"{'-' * 40}\nIndex   time      v(out)\n{'-' * 40}\n",
-        lambda i: f"{i}\t{i * 1e-6:.4e}\t{A[i]}\t",
-    ),
-    "sensors by a column, with their units": log(
-        "0.5 s, speed [km/h] = A; load [%] = B",
-        "SECONDS;PID;VALUE;UNITS\n",
-        lambda i: f"{i / 2};speed;{A[i]};km/h\n{i / 2};load;{B[i]};%",
-    ),
-    "units above some of the columns": log(
-        "2.6784e+06 s, tmax = A; sun = B",
+    "Graphtec: a blank after the sign, names above units": log("10 s, CH1 [degC] = A",
+        "NO.,Time,ms,CH1\nNO.,Time,ms,degC\n", lambda i: f"{i + 1},2024/03/05 {clock(i)},0,+{A[i]:8.2f}"),
+    "Android": log("1 s, x = A; y = B",
+        lambda i: f"03-05 {clock(i, 1)}.250  1234  5678 D SENSOR  : x={A[i]} y={B[i]}"),
+    "text for a spreadsheet": log("10 s, Temperature [℃] = A", "Time,Temperature(℃)\n",
+        lambda i: f'="2024-03-05 {clock(i)}",="{A[i]}"'),
+    "ngspice: names between rules": log("1e-06 s, v(out) = A",
+        f"{'-' * 40}\nIndex   time      v(out)\n{'-' * 40}\n", lambda i: f"{i}\t{i * 1e-6:.4e}\t{A[i]}\t"),
+    "sensors by a column, with their units": log("0.5 s, speed [km/h] = A; load [%] = B",
+        "SECONDS;PID;VALUE;UNITS\n", lambda i: f"{i / 2};speed;{A[i]};km/h\n{i / 2};load;{B[i]};%"),
+    "units above some of the columns": log("2.6784e+06 s, tmax = A; sun = B",
         "   yyyy  mm  tmax  sun\n             degC  hours\n",
-        lambda i: f"   {1990 + i // 12}  {i % 12 + 1:2d}  {A[i]}  {B[i]}",
-    ),
+        lambda i: f"   {1990 + i // 12}  {i % 12 + 1:2d}  {A[i]}  {B[i]}"),
     "a mark at the end": log("no rate, value 2 = B", lambda i: f"$S,{A[i]},{B[i]}#"),
-    "LabVIEW: a step above its value": log(
-        "0.001 s, value 2 = B", "dt:\n0.001\t0.001\ndata:\n", lambda i: f"{A[i]:.3E}\t{B[i]:.6E}"
-    ),
-    "JSON: columns of data": log(
-        "1 s, hr = A", json.dumps({"time": {"data": list(range(N))}, "hr": {"data": A, "size": N}})
-    ),
-    "JSON: a table in a list of one": log(
-        "1 s, a = A",
-        json.dumps({"results": [{"id": 0, "series": [{"columns": ["time", "a"], "values": list(enumerate(A))}]}]}),
-    ),
+    "LabVIEW: a step above its value": log("0.001 s, value 2 = B", "dt:\n0.001\t0.001\ndata:\n",
+        lambda i: f"{A[i]:.3E}\t{B[i]:.6E}"),
+    "JSON: columns of data": log("1 s, hr = A",
+        json.dumps({"time": {"data": list(range(N))}, "hr": {"data": A, "size": N}})),
+    "JSON: a table in a list of one": log("1 s, a = A",
+        json.dumps({"results": [{"id": 0, "series": [{"columns": ["time", "a"], "values": list(enumerate(A))}]}]})),
     "JSON: lists": log("1 s, value 1 = A", json.dumps([[1709630000000 + 1000 * i, a] for i, a in enumerate(A)])),
-    "objects on several lines each": log(
-        "1 s, v = A", lambda i: f'{{\n  "t": {1710664205 + i},\n  "v": {A[i]}\n}}'
-    ),
-}
+    "objects on several lines each": log("1 s, v = A",
+        lambda i: f'{{\n  "t": {1710664205 + i},\n  "v": {A[i]}\n}}'),
+}  # fmt: skip
 
 
 @pytest.mark.slow
@@ -352,21 +234,16 @@ def test_a_label_that_is_lost_shifts_no_other(read):
     assert {tuple(row) for row in both} <= set(zip(A, B, strict=True))
 
 
-@pytest.mark.parametrize(
-    ("text", "assumed"),
-    [
-        (
-            "t,a\n" + rows(lambda i: f"{5012 + 2000 * i + (i % 9 == 0)},{A[i]}\n"),
-            "0.500 Hz; one every 33.3 min with --time-unit s, 500 Hz",
-        ),
-        ("time,a\n" + rows(lambda i: f"03/04/2025 {clock(i)},{A[i]}\n"), "read day first"),
-        ("t,a\n" + rows(lambda i: f"{1000 * (i // 10 * 10 - i % 10)},{A[i]}\n"), "rows of the file step back"),
-        ("Time [s],Channel 0\n" + rows(lambda i: f"{CHANGES[i]:.7f},{i % 2}\n"), "the stamps have no rate"),
-        ("t,r\n" + rows(lambda i: f"{i},{A[i]}{'k' * (i % 3 > 0)}\n"), '"20.0" in "r" is in k as well'),
-        ("t,room,a\n" + rows(lambda i: f"{i},{'ab'[i % 2]},{A[i]}\n"), 'one of 2 sensors, by "room"'),
-        ("t,a,b\n" + rows(lambda i: f"{i},{A[i]},{A[i] if i % 3 == 0 else f'x{i}'}\n"), 'most cells of "b"'),
-    ],
-)
+@pytest.mark.parametrize(("text", "assumed"), [
+    ("t,a\n" + rows(lambda i: f"{5012 + 2000 * i + (i % 9 == 0)},{A[i]}\n"),
+        "0.500 Hz; one every 33.3 min with --time-unit s, 500 Hz"),
+    ("time,a\n" + rows(lambda i: f"03/04/2025 {clock(i)},{A[i]}\n"), "read day first"),
+    ("t,a\n" + rows(lambda i: f"{1000 * (i // 10 * 10 - i % 10)},{A[i]}\n"), "rows of the file step back"),
+    ("Time [s],Channel 0\n" + rows(lambda i: f"{CHANGES[i]:.7f},{i % 2}\n"), "the stamps have no rate"),
+    ("t,r\n" + rows(lambda i: f"{i},{A[i]}{'k' * (i % 3 > 0)}\n"), '"20.0" in "r" is in k as well'),
+    ("t,room,a\n" + rows(lambda i: f"{i},{'ab'[i % 2]},{A[i]}\n"), 'one of 2 sensors, by "room"'),
+    ("t,a,b\n" + rows(lambda i: f"{i},{A[i]},{A[i] if i % 3 == 0 else f'x{i}'}\n"), 'most cells of "b"'),
+])  # fmt: skip
 def test_what_the_file_does_not_show_is_said_at_once(read, text, assumed):
     recording = read(text)
     assert any(assumed in sentence for sentence in recording.report.assumptions), recording.report.assumptions
@@ -384,13 +261,10 @@ def test_units_that_repeat_are_no_names(read):
     assert read(text).names == ("a", "b", "c", "d")
 
 
-@pytest.mark.parametrize(
-    "text",
-    [
-        rows(lambda i: f"{i * 7919 % 65536:04x}\n"),
-        "n,v\n" + rows(lambda i: f"{i},{A[i] if i % 3 == 0 else f'x{i}'}\n"),
-    ],
-)
+@pytest.mark.parametrize("text", [
+    rows(lambda i: f"{i * 7919 % 65536:04x}\n"),
+    "n,v\n" + rows(lambda i: f"{i},{A[i] if i % 3 == 0 else f'x{i}'}\n"),
+])  # fmt: skip
 def test_debris_is_refused(read, text):
     with pytest.raises(BadFile, match="must"):
         read(text)

@@ -15,45 +15,34 @@ from kalscope.sources.reading import line_parser
 from kalscope.sources.reading.line_parser import MAX_LINE_BYTES, LineParser
 
 
-@pytest.mark.parametrize(
-    ("line", "pairs"),
-    [
-        ("t=123 ax=0.1 ay=-2.0", {"t": "123", "ax": "0.1", "ay": "-2.0"}),
-        *(("temp=21.5C hum=40%", {"temp": "21.5C", "hum": "40%"}), ("a = 1, b = 2", {"a": "1", "b": "2"})),
-        ("rel hum = 40 %; temp = 21.5 C", {"rel hum": "40 %", "temp": "21.5 C"}),
-        *(("a=1&b=2", {"a": "1", "b": "2"}), ("Sensor Value=155", {"Sensor Value": "155"})),
-        ("Temperature = 21.05 *C", {"Temperature": "21.05 C"}),
-        ("Humidity: 45.00 %  Temperature: 21.30 C", {"Humidity": "45.00 %", "Temperature": "21.30 C"}),
-        ("Temp: 21.5 C Rel Hum: 40 %", {"Temp": "21.5 C", "Rel Hum": "40 %"}),
-        (
-            "T: 21.0°C 69.8°F  Heat index: 20°C 68°F",
-            {"T": "21.0°C", "T 2": "69.8°F", "Heat index": "20°C", "Heat index 2": "68°F"},
-        ),
-        (
-            "Reading: -0.1 lbs calibration_factor: -7050.00",
-            {"Reading": "-0.1 lbs", "calibration_factor": "-7050.00"},
-        ),
-        ("INFO temp=20.89 hum=52", {"temp": "20.89", "hum": "52"}),
-        ('ts=2026-01-01T00:00 msg="two words" v=5', {"ts": "2026-01-01T00:00", "msg": "two words", "v": "5"}),
-        ("ax= ay=2", {"ax": "", "ay": "2"}),
-        ('{"t": 1.50, "imu": {"acc": [0.1, -9.8]}}', {"t": "1.50", "imu.acc[0]": "0.1", "imu.acc[1]": "-9.8"}),
-        ('{"ts":1700000000000,"values":{"temp":"21.5"}}', {"ts": "1700000000000", "values.temp": "21.5"}),
-        ('{"a": null, "b": true, "c": NaN}', {"a": "", "b": "true", "c": "NaN"}),
-    ],
-)
+@pytest.mark.parametrize(("line", "pairs"), [
+    ("t=123 ax=0.1 ay=-2.0", {"t": "123", "ax": "0.1", "ay": "-2.0"}),
+    *(("temp=21.5C hum=40%", {"temp": "21.5C", "hum": "40%"}), ("a = 1, b = 2", {"a": "1", "b": "2"})),
+    ("rel hum = 40 %; temp = 21.5 C", {"rel hum": "40 %", "temp": "21.5 C"}),
+    *(("a=1&b=2", {"a": "1", "b": "2"}), ("Sensor Value=155", {"Sensor Value": "155"})),
+    ("Temperature = 21.05 *C", {"Temperature": "21.05 C"}),
+    ("Humidity: 45.00 %  Temperature: 21.30 C", {"Humidity": "45.00 %", "Temperature": "21.30 C"}),
+    ("Temp: 21.5 C Rel Hum: 40 %", {"Temp": "21.5 C", "Rel Hum": "40 %"}),
+    ("T: 21.0°C 69.8°F  Heat index: 20°C 68°F", {"T": "21.0°C", "T 2": "69.8°F", "Heat index": "20°C",
+        "Heat index 2": "68°F"}),
+    ("Reading: -0.1 lbs calibration_factor: -7050.00", {"Reading": "-0.1 lbs", "calibration_factor": "-7050.00"}),
+    ("INFO temp=20.89 hum=52", {"temp": "20.89", "hum": "52"}),
+    ('ts=2026-01-01T00:00 msg="two words" v=5', {"ts": "2026-01-01T00:00", "msg": "two words", "v": "5"}),
+    ("ax= ay=2", {"ax": "", "ay": "2"}),
+    ('{"t": 1.50, "imu": {"acc": [0.1, -9.8]}}', {"t": "1.50", "imu.acc[0]": "0.1", "imu.acc[1]": "-9.8"}),
+    ('{"ts":1700000000000,"values":{"temp":"21.5"}}', {"ts": "1700000000000", "values.temp": "21.5"}),
+    ('{"a": null, "b": true, "c": NaN}', {"a": "", "b": "true", "c": "NaN"}),
+])  # fmt: skip
 def test_the_pairs_of_a_line(line, pairs):
     found = find_labels(line)
     assert found is not None
     assert dict(found) == pairs
 
 
-@pytest.mark.parametrize(
-    "line",
-    [
-        *("5=6", "Temp: 21.5 C and rising: slowly", "=", "a==b", 'msg="cut v=1', "{", "{}", "[1]"),
-        *('{"a":' * 5000, '{"a": ' + "[" * 30000, "ets Jun  8 2016 00:22:57"),
-    ],
-)
+@pytest.mark.parametrize("line", [
+    *("5=6", "Temp: 21.5 C and rising: slowly", "=", "a==b", 'msg="cut v=1', "{", "{}", "[1]"),
+    *('{"a":' * 5000, '{"a": ' + "[" * 30000, "ets Jun  8 2016 00:22:57"),
+])  # fmt: skip
 def test_lines_that_hold_no_pairs(line):
     assert find_labels(line) is None
 
@@ -84,17 +73,15 @@ NAN = math.nan
 
 # The table of notes/users.md 4a, column "ours should".
 ROWS = [
-    ("1,2,3", {"value 1": 1, "value 2": 2, "value 3": 3}),
-    ("1 2\t3", {"value 1": 1, "value 2": 2, "value 3": 3}),
-    ("1,2,3,", {"value 1": 1, "value 2": 2, "value 3": 3}),
-    ("1;2;3", {"value 1": 1, "value 2": 2, "value 3": 3}),
+    ("1,2,3", {"value 1": 1, "value 2": 2, "value 3": 3}), ("1 2\t3", {"value 1": 1, "value 2": 2, "value 3": 3}),
+    ("1,2,3,", {"value 1": 1, "value 2": 2, "value 3": 3}), ("1;2;3", {"value 1": 1, "value 2": 2, "value 3": 3}),
     *(("1,,3", {"value 1": 1, "value 2": NAN, "value 3": 3}), ("a:1,b:2", {"a": 1, "b": 2})),
     *(("a:1\tb:2", {"a": 1, "b": 2}), ("a:1,b:2\r", {"a": 1, "b": 2}), ("a: 1, b: 2", {"a": 1, "b": 2})),
     *(("P: 3", {"P": 3}), ("Temperature: 23.64, Humidity: 43.89", {"Temperature": 23.64, "Humidity": 43.89})),
     *(("Label 1:10", {"Label 1": 10}), (">a:1", {"a": 1}), ("> a : 1 ", {"a": 1}), (">a:1000:1", {"a": 1})),
     *((">a:1000:1;2000:2", {"a": 2}), ("12:30:05,5", {"value 1": 5})),
     *(("19:23:11.891 -> 1,2", {"value 1": 1, "value 2": 2}), ("19:23:11.891 -> a:1 b:2", {"a": 1, "b": 2})),
-]
+]  # fmt: skip
 
 
 @pytest.mark.parametrize(("line", "values"), ROWS)

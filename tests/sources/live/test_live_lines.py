@@ -90,14 +90,11 @@ def test_the_boot_text_of_a_chip_is_no_data():
     assert counts.dropped == whole_lines(ESP32)
 
 
-@pytest.mark.parametrize(
-    ("silence", "unplugged", "rows"),
-    [
-        (None, False, [511, 512, 514]),  # a reset
-        (0.1, False, [511, 512, 513, 514]),  # this machine reads late
-        (0.1, True, [511, 512, 514]),
-    ],
-)
+@pytest.mark.parametrize(("silence", "unplugged", "rows"), [
+    (None, False, [511, 512, 514]),  # a reset
+    (0.1, False, [511, 512, 513, 514]),  # this machine reads late
+    (0.1, True, [511, 512, 514]),
+])  # fmt: skip
 def test_a_line_that_the_board_did_not_end_is_never_joined_to_the_next(silence, unplugged, rows):
     stream = Stream().feed(b"x\n511\n512\n5", 0.1)
     if unplugged:

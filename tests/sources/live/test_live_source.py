@@ -138,14 +138,10 @@ LOST = BadDevice("lost")
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("starts", "kept_values", "counts"),
-    [
-        ("inside a line", [2, 3, math.nan, 21], (5, 3, 0, 2)),
-        ("at a line", [2, 3, math.nan, 20, 21], (5, 4, 0, 1)),
-        ("where it stopped", [2, 3, 20, 21], (5, 4, 0, 1)),
-    ],
-)
+@pytest.mark.parametrize(("starts", "kept_values", "counts"), [
+    ("inside a line", [2, 3, math.nan, 21], (5, 3, 0, 2)), ("at a line", [2, 3, math.nan, 20, 21], (5, 4, 0, 1)),
+    ("where it stopped", [2, 3, 20, 21], (5, 4, 0, 1)),
+])  # fmt: skip
 def test_an_opening_says_where_its_first_byte_is(starts, kept_values, counts, wait_for):
     first = ScriptedPort([b"heat,light\n", b"2,0\n3,0\n", LOST], "at a line")
     second = ScriptedPort([b"20,0\n21,0\n"], starts)

@@ -67,15 +67,11 @@ host time [s],device time [ms],temp [°C],light
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("head", "row", "options"),
-    [
-        *((RECORDED, "{:.6f},{},{},7\n", {}), ("millis,heat\n", "{1},{2}\n", {})),
-        *(("t,heat\n", "{1},{2}\n", {"time_unit": "ms"}), ("heat;light\n", "{2},5;1,5\n", {})),
-        ("heat,light\n", "{2},1.5\n", {"rate": 50.0}),
-        ("time,heat\n", "2026-11-21 10:46:{0:09.6f},{2}\n", {}),
-    ],
-)
+@pytest.mark.parametrize(("head", "row", "options"), [
+    *((RECORDED, "{:.6f},{},{},7\n", {}), ("millis,heat\n", "{1},{2}\n", {})),
+    *(("t,heat\n", "{1},{2}\n", {"time_unit": "ms"}), ("heat;light\n", "{2},5;1,5\n", {})),
+    ("heat,light\n", "{2},1.5\n", {"rate": 50.0}), ("time,heat\n", "2026-11-21 10:46:{0:09.6f},{2}\n", {}),
+])  # fmt: skip
 def test_a_followed_file_is_what_it_is_when_it_is_opened(log, wait_for, head, row, options):
     ticks = [20 * i + (40_000 if i >= 500 else 0) for i in range(900)]  # the board was unplugged for 40 s
     rows = [row.format(tick / 1000, tick, i % 50) for i, tick in enumerate(ticks)]

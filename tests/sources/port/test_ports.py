@@ -21,14 +21,11 @@ ADDRESSES = ["socket://192.168.1.20:3333", "UDP://[::1]:47269", "udp://:47269", 
 ADDRESSES += ["mqtt://ada@[::1]:1883/home/ada%40x.org/t", "ssh://me@pi:2222/home/a%40b/log.csv"]
 ADDRESSES += ["ssh://pi/home/a@b/log.csv", "file:/tmp/a:b@c/log.csv", "file:///tmp/a:b@c.csv"]
 TYPED = {
-    "serial:/dev/ttyACM0@9600": ("/dev/ttyACM0", 9600),
-    "serial:/dev/ttyACM0": ("/dev/ttyACM0", 115200),
-    "/dev/cu.usbmodem1101": ("/dev/cu.usbmodem1101", 115200),
-    "COM3@9600": ("COM3", 9600),
-    " serial:COM12@250000 ": ("COM12", 250000),
-    "SERIAL:COM3@1": ("COM3", 1),
+    "serial:/dev/ttyACM0@9600": ("/dev/ttyACM0", 9600), "serial:/dev/ttyACM0": ("/dev/ttyACM0", 115200),
+    "/dev/cu.usbmodem1101": ("/dev/cu.usbmodem1101", 115200), "COM3@9600": ("COM3", 9600),
+    " serial:COM12@250000 ": ("COM12", 250000), "SERIAL:COM3@1": ("COM3", 1),
     **{address: (address, 115200) for address in ADDRESSES},
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("text", TYPED)
@@ -39,23 +36,14 @@ def test_a_port_is_read_as_it_is_typed_and_written(text):
     assert is_live(spec.text)
 
 
-@pytest.mark.parametrize(
-    ("text", "says"),
-    [
-        *[(text, "got") for text in ("", "serial:", "serial:@9600", "COM3@-1", "COM3@0", "COM3@1e6")],
-        *[(text, "baud rate must be a whole number") for text in ("COM3@", "/dev/serial/by-id/usb-a@b")],
-        ("ssh://pi:2222/dev/ttyACM0@fast", r"baud rate must be a whole number.*'fast'"),
-        *[
-            (f"socket://{rest}", "must be socket://host:port")
-            for rest in ("host", ":3333", "host:", "a:b", "a:70000")
-        ],
-        *[
-            (f"udp://{rest}", "must be udp://host:port")
-            for rest in ("", ":", ":0", ":70000", "a b:1", "1", "u@h:1")
-        ],
-        *(("file:", "must be file:PATH"), ("loop://x", "must begin with one of")),
-    ],
-)
+@pytest.mark.parametrize(("text", "says"), [
+    *[(text, "got") for text in ("", "serial:", "serial:@9600", "COM3@-1", "COM3@0", "COM3@1e6")],
+    *[(text, "baud rate must be a whole number") for text in ("COM3@", "/dev/serial/by-id/usb-a@b")],
+    ("ssh://pi:2222/dev/ttyACM0@fast", r"baud rate must be a whole number.*'fast'"),
+    *[(f"socket://{rest}", "must be socket://host:port") for rest in ("host", ":3333", "host:", "a:b", "a:70000")],
+    *[(f"udp://{rest}", "must be udp://host:port") for rest in ("", ":", ":0", ":70000", "a b:1", "1", "u@h:1")],
+    *(("file:", "must be file:PATH"), ("loop://x", "must begin with one of")),
+])  # fmt: skip
 def test_what_names_no_port_is_refused_with_what_came(text, says):
     with pytest.raises(BadSetting, match=says):
         port_of(text)
@@ -75,15 +63,12 @@ def test_a_port_streams_and_a_file_is_finished(spec, live):
             open_source(spec)
 
 
-@pytest.mark.parametrize(
-    ("address", "shown"),
-    [
-        ("mqtt://ada@x.org:123/rest@host/topic", "mqtt://ada@x.org:…@host/topic"),
-        ("mqtts://ada:123/re@st@host/topic", "mqtts://ada:…@host/topic"),
-        ("ssh://ada:123/rest@host/dev/ttyACM0@9600", "ssh://ada:…@host/dev/ttyACM0"),
-        ("tcp://ada:123/rest@host:3333", "tcp://ada:…@host:3333"),
-    ],
-)
+@pytest.mark.parametrize(("address", "shown"), [
+    ("mqtt://ada@x.org:123/rest@host/topic", "mqtt://ada@x.org:…@host/topic"),
+    ("mqtts://ada:123/re@st@host/topic", "mqtts://ada:…@host/topic"),
+    ("ssh://ada:123/rest@host/dev/ttyACM0@9600", "ssh://ada:…@host/dev/ttyACM0"),
+    ("tcp://ada:123/rest@host:3333", "tcp://ada:…@host:3333"),
+])  # fmt: skip
 def test_a_password_that_reads_as_a_port_is_refused_and_not_repeated(address, shown):
     with pytest.raises(BadSetting, match="must hold no password") as error:
         port_of(address)
@@ -123,15 +108,12 @@ def opened(monkeypatch):
     return open_port
 
 
-@pytest.mark.parametrize(
-    ("error", "words"),
-    [
-        (FileNotFoundError(errno.ENOENT, "No such file"), "is not plugged in"),
-        (PermissionError(errno.EACCES, "Permission denied"), "dialout"),
-        (OSError(errno.EBUSY, "Device or resource busy"), "in use by another program"),
-        (ValueError("Invalid baud rate: 3"), "opened at 115200 baud"),
-    ],
-)
+@pytest.mark.parametrize(("error", "words"), [
+    (FileNotFoundError(errno.ENOENT, "No such file"), "is not plugged in"),
+    (PermissionError(errno.EACCES, "Permission denied"), "dialout"),
+    (OSError(errno.EBUSY, "Device or resource busy"), "in use by another program"),
+    (ValueError("Invalid baud rate: 3"), "opened at 115200 baud"),
+])  # fmt: skip
 def test_a_port_that_does_not_open_says_what_to_do(error, words, opened):
     raw = LostPort(error)
     with pytest.raises(BadDevice, match=words):
@@ -163,17 +145,11 @@ def taken(reader):
             return items
 
 
-@pytest.mark.parametrize(
-    ("error", "says"),
-    [
-        (BadDevice("the cable was pulled"), "the cable was pulled"),
-        (
-            ValueError("filedescriptor out of range in select()"),
-            "x was lost (filedescriptor out of range in select())",
-        ),
-        (RuntimeError(), "x was lost (RuntimeError)"),
-    ],
-)
+@pytest.mark.parametrize(("error", "says"), [
+    (BadDevice("the cable was pulled"), "the cable was pulled"),
+    (ValueError("filedescriptor out of range in select()"), "x was lost (filedescriptor out of range in select())"),
+    (RuntimeError(), "x was lost (RuntimeError)"),
+])  # fmt: skip
 def test_whatever_a_port_raises_it_is_closed_and_a_calm_state_says_why(wait_for, error, says):
     port = ScriptedPort([b"1\n", error], starts="at a line")
     reader = PortReader(PortSpec("x"), opener=scripted(port))

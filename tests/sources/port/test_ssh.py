@@ -202,20 +202,17 @@ def test_a_second_reader_is_refused(pi, board):
             SshPort(port_of(f"ssh://pi{board.link}@9600"), bool, None)
 
 
-@pytest.mark.parametrize(
-    ("address", "words"),
-    [
-        ("ssh://stranger/dev/null", r"to stranger \(Host key verification failed.\): does .* accept the host key"),
-        ("ssh://closed/dev/null", r"there is no connection to closed \(.*refused\)"),
-        ("ssh://locked/dev/null", r"locked \(.*Permission denied.*by ssh-copy-id locked: no password"),
-        ("ssh://nobody.invalid@pi/dev/null", "ssh-copy-id nobody.invalid@pi"),
-        ("ssh://bare/dev/null", "bare cannot read it there: .*command not found .*python3"),
-        ("ssh://noisy/dev/null", "noisy cannot read it there: /dev/null: must be a serial port: stty: "),
-        ("ssh://pi/dev/ttyNONE", "pi cannot read it there: /dev/ttyNONE: No such file"),
-        ("ssh://pi/~/nothing%20here", "pi cannot read it there: ~/nothing here: No such file"),
-        ("ssh://pi/tmp", "pi cannot read it there: /tmp: must be a file or a serial port"),
-    ],
-)
+@pytest.mark.parametrize(("address", "words"), [
+    ("ssh://stranger/dev/null", r"to stranger \(Host key verification failed.\): does .* accept the host key"),
+    ("ssh://closed/dev/null", r"there is no connection to closed \(.*refused\)"),
+    ("ssh://locked/dev/null", r"locked \(.*Permission denied.*by ssh-copy-id locked: no password"),
+    ("ssh://nobody.invalid@pi/dev/null", "ssh-copy-id nobody.invalid@pi"),
+    ("ssh://bare/dev/null", "bare cannot read it there: .*command not found .*python3"),
+    ("ssh://noisy/dev/null", "noisy cannot read it there: /dev/null: must be a serial port: stty: "),
+    ("ssh://pi/dev/ttyNONE", "pi cannot read it there: /dev/ttyNONE: No such file"),
+    ("ssh://pi/~/nothing%20here", "pi cannot read it there: ~/nothing here: No such file"),
+    ("ssh://pi/tmp", "pi cannot read it there: /tmp: must be a file or a serial port"),
+])  # fmt: skip
 def test_what_does_not_open_is_one_sentence(pi, address, words):
     with pytest.raises(BadDevice, match=words):
         SshPort(port_of(address), bool, None)

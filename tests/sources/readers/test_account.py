@@ -71,27 +71,19 @@ REFUSED = {
     "blank": ("\n\n# nothing yet\n\n", ["must hold lines of numbers", "4 blank or comment lines"]),
     "only a header": ("\nt,temp,dist\n", ["below its header", "only line 2: 't,temp,dist'"]),
     "a pointer": (f"{LFS}size 48211\n", ["Git LFS pointer", "git lfs pull"]),
-    "a web page": (
-        "\n<!DOCTYPE html>\n<html><body>404</body></html>\n",
-        ["a web page", "line 2", "download the file itself"],
-    ),
+    "a web page": ("\n<!DOCTYPE html>\n<html><body>404</body></html>\n",
+        ["a web page", "line 2", "download the file itself"]),
     "a page without its type": ("<html>\n<p>1,2,3\n</html>\n", ["a web page"]),
     "a track": ('<?xml version="1.0"?>\n<gpx>\n<ele>1.5</ele>\n</gpx>\n', ["an XML document", "line 1"]),
-    "words": (
-        "\n".join(WORDS * 9),
-        ["must be a table of numbers", "text such as line 72: 'still nothing'", "try --"],
-    ),
-    "no width in common": (
-        "".join(f"{','.join(['1.5'] * (2 + i % 7))}\n" for i in range(50)),
-        ["all of one width", "2 fields in line 1, 3 fields in line 2", "lines of one width"],
-    ),
-    "too wide": (
-        ",".join(f"c{i}" for i in range(300)) + "\n" + (",".join(map(str, range(300))) + "\n") * 50,
-        ["at most 256 columns", "300 fields in line 2", "write the columns"],
-    ),
+    "words": ("\n".join(WORDS * 9), ["must be a table of numbers", "text such as line 72: 'still nothing'",
+        "try --"]),
+    "no width in common": ("".join(f"{','.join(['1.5'] * (2 + i % 7))}\n" for i in range(50)),
+        ["all of one width", "2 fields in line 1, 3 fields in line 2", "lines of one width"]),
+    "too wide": (",".join(f"c{i}" for i in range(300)) + "\n" + (",".join(map(str, range(300))) + "\n") * 50,
+        ["at most 256 columns", "300 fields in line 2", "write the columns"]),
     "only times": ("time,state\n" + "".join(f"{i},ok\n" for i in range(30)), ["besides the time", "'29,ok'"]),
     "binary": ("ab\n\x00\x01\x02\x00\x05", ["binary data", "0x00, on line 2"]),
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize(("text", "said"), REFUSED.values(), ids=REFUSED)

@@ -77,15 +77,12 @@ def test_the_answer_of_thingsboard(read):
     assert recording.sample_period == 5.0
 
 
-@pytest.mark.parametrize(
-    "text",
-    [
-        "time,value,status\n" + "".join(f"{i},{x},{'ok' if i % 3 else 'low'}\n" for i, x in enumerate(X)),
-        "time,sensor,temp,hum\n" + "".join(f"{i},kitchen,{x},{x}\n" for i, x in enumerate(X)),
-        "time,name,value,other\n" + "".join(f"{i},a,{x},{x}\n" for i, x in enumerate(X)),
-        "time,name,value\n" + "".join(f"{i},run{i},{x}\n" for i, x in enumerate(X)),
-    ],
-)
+@pytest.mark.parametrize("text", [
+    "time,value,status\n" + "".join(f"{i},{x},{'ok' if i % 3 else 'low'}\n" for i, x in enumerate(X)),
+    "time,sensor,temp,hum\n" + "".join(f"{i},kitchen,{x},{x}\n" for i, x in enumerate(X)),
+    "time,name,value,other\n" + "".join(f"{i},a,{x},{x}\n" for i, x in enumerate(X)),
+    "time,name,value\n" + "".join(f"{i},run{i},{x}\n" for i, x in enumerate(X)),
+])  # fmt: skip
 def test_a_table_with_text_beside_its_values_is_no_long_one(read, text):
     recording = read(text)
     assert len(recording) == len(X)

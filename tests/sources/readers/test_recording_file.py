@@ -214,14 +214,10 @@ def test_a_part_that_was_never_written_is_one_rejected_line(read, size):
     assert report.rows >= 38
 
 
-@pytest.mark.parametrize(
-    ("data", "what"),
-    [
-        *((b"PK\x03\x04" + bytes(50), "zip archive"), (b"RIFF\x24\x00\x00\x00WAVE", "WAV")),
-        *((b"BZh91AY", "an archive"), (bytes(range(256)) * 20, "binary data")),
-        (bytes(1000), "0x00, on line 1"),
-    ],
-)
+@pytest.mark.parametrize(("data", "what"), [
+    *((b"PK\x03\x04" + bytes(50), "zip archive"), (b"RIFF\x24\x00\x00\x00WAVE", "WAV")),
+    *((b"BZh91AY", "an archive"), (bytes(range(256)) * 20, "binary data")), (bytes(1000), "0x00, on line 1"),
+])  # fmt: skip
 def test_what_is_no_text_is_named(read, data, what):
     with pytest.raises(BadFile, match=what):
         read(data)

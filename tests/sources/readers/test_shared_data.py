@@ -23,16 +23,14 @@ TWINS = (
 )
 """Files that hold the same as 01_clean.csv."""
 SAME = (*TWINS, "01_clean.csv", "09_dup_header.csv", "14_noheader.csv", "16_plotter_single.txt", "19_iso_time.csv")
-MESSY = {  # rows, rejected lines, bad cells
+MESSY = {
     **dict.fromkeys((*SAME, "25_units_row.csv", "26_arduino_ide_ts.txt"), (40, [], [])),
     "05_truncated_last.csv": (39, [41], []),
     "10_mixed_types.csv": (40, [], [(9, "temp", "ERR"), (32, "temp", "ovf")]),
-    "11_ragged.csv": (36, [7, 8, 17, 24], []),
-    "17_binary_garbage.csv": (38, [13, 19], []),
-    "20_late_type.csv": (60003, [], [(60003, "temp", "err")]),
-    "21_repeat_header.csv": (80, [], []),
+    "11_ragged.csv": (36, [7, 8, 17, 24], []), "17_binary_garbage.csv": (38, [13, 19], []),
+    "20_late_type.csv": (60003, [], [(60003, "temp", "err")]), "21_repeat_header.csv": (80, [], []),
     "22_quote.csv": (40, [], [(11, "temp", '"20.1'), (32, "temp", '20.0"x')]),
-}
+}  # fmt: skip
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -200,74 +198,40 @@ def right(rows, *channels, period=None, tolerance=1e-6, span=None, torn=0):
 
 VOLT, SI_ACCEL, CELSIUS = ("V", "Volt"), ("m/s^2",), ("°C", "C", "degC")
 RIGHT = {
-    "tal_actigraph.txt": right(
-        10080,
-        ("Luminosidade", 10080, 98.906746, ("",)),
-        ("Atividade", 10080, 78.2224206, ("",)),
-        period=60,
-        span=60 * 10079,
-    ),
-    "rigol_ds1204b.csv": right(
-        8192, ("CH1", 8192, 1.48196777, VOLT), ("CH4", 8192, 9.56293945, VOLT), period=8e-6, span=0.065528
-    ),
+    "tal_actigraph.txt": right(10080, ("Luminosidade", 10080, 98.906746, ("",)),
+        ("Atividade", 10080, 78.2224206, ("",)), period=60, span=60 * 10079),
+    "rigol_ds1204b.csv": right(8192, ("CH1", 8192, 1.48196777, VOLT), ("CH4", 8192, 9.56293945, VOLT), period=8e-6,
+        span=0.065528),
     "rigol_ds1102e.csv": right(600, ("CH1", 600, 1.43133333, VOLT), period=2e-8, tolerance=1e-3, span=1.198e-5),
-    "rigol_ds1052e.csv": right(
-        8192,
-        ("CH 1", 8192, -0.00242675781, VOLT),
-        ("CH 2", 8192, 2.25766602, VOLT),
-        period=2e-9,
-        tolerance=1e-4,
-        span=1.6382e-5,
-    ),
+    "rigol_ds1052e.csv": right(8192, ("CH 1", 8192, -0.00242675781, VOLT), ("CH 2", 8192, 2.25766602, VOLT),
+        period=2e-9, tolerance=1e-4, span=1.6382e-5),
     "tektronix_tek0000.csv": right(2500, ("CH2", 2500, 0.406752, VOLT), period=2e-6, span=0.004998),
     "asos_metar.txt": right(312, ("tmpf", 24, 59.6166667), ("sknt", 304, 11.5263158), period=300, span=86100),
-    "torque_obd.csv": right(
-        2662,
-        ("GPS Speed", 2495, 15.3202512, ("Meters/second",)),
-        ("G(z)", 2662, 4.65216868),
-        ("80-120kph Time", 592, 0.0, ("s",)),
-    ),
-    "environment_canada_hourly.csv": right(
-        720, ("Temp", 720, 16.8901389, ("°C",)), ("Rel Hum", 717, 75.3891213, ("%",)), period=3600, span=719 * 3600
-    ),
+    "torque_obd.csv": right(2662, ("GPS Speed", 2495, 15.3202512, ("Meters/second",)), ("G(z)", 2662, 4.65216868),
+        ("80-120kph Time", 592, 0.0, ("s",))),
+    "environment_canada_hourly.csv": right(720, ("Temp", 720, 16.8901389, ("°C",)),
+        ("Rel Hum", 717, 75.3891213, ("%",)), period=3600, span=719 * 3600),
     "tide_elevation.dat": right(1584, ("", 1510, 1.97581457, ("",)), period=3600, span=1583 * 3600),
     "empatica_ACC.csv": right(890, ("", 890, -0.966292135), period=1 / 32, span=889 / 32),
     "empatica_HR.csv": right(28, ("", 28, 101.495), period=1, span=27),
     "empatica_IBI.csv": right(49, ("IBI", 49, 0.923194)),
-    "labview_short.lvm": right(
-        10,
-        ("Excitation", 10, 0.6917138, ("Newtons",)),
-        ("Response", 10, 1.2138708, SI_ACCEL),
-        period=39.0625e-6,
-        span=9 * 39.0625e-6,
-    ),
+    "labview_short.lvm": right(10, ("Excitation", 10, 0.6917138, ("Newtons",)),
+        ("Response", 10, 1.2138708, SI_ACCEL), period=39.0625e-6, span=9 * 39.0625e-6),
     # The table says 8 rows; the file holds 9, the first and the last two with "LOST COMMUNICATION".
-    "labview_comments.lvm": right(
-        9,
-        ("Pressão ABS.", 9, 1.69523888889, ("MPa",)),
-        ("Temperatura", 9, 5.42960977778, ("°C",)),
-        ("Volume", 9, 79.8414555556, ("ml",)),
-    ),
-    "labview_two_times.lvm": right(
-        3,
-        ("Voltage", 3, -0.0347673333333, ("Volts",)),
-        ("Acceleration", 3, 0.5010466666667, ("g",)),
-        period=19.53125e-6,
-        span=2 * 19.53125e-6,
-    ),
+    "labview_comments.lvm": right(9, ("Pressão ABS.", 9, 1.69523888889, ("MPa",)),
+        ("Temperatura", 9, 5.42960977778, ("°C",)), ("Volume", 9, 79.8414555556, ("ml",))),
+    "labview_two_times.lvm": right(3, ("Voltage", 3, -0.0347673333333, ("Volts",)),
+        ("Acceleration", 3, 0.5010466666667, ("g",)), period=19.53125e-6, span=2 * 19.53125e-6),
     "openbci_cyton.txt": right(22490, ("EXG Channel 0", 22490, 62052.0530), period=0.004, tolerance=0.002),
-    "robot_currents.txt": right(
-        2094, ("Current1", 2094, -24.407383), ("Current4", 2094, -24.0318052), period=1 / 13.4, tolerance=0.02
-    ),
-    "ppg_buffered.csv": right(
-        68476, ("hr", 68476, 509.394766), period=681.898 / 68475, tolerance=0.005, span=681.898, torn=1
-    ),
+    "robot_currents.txt": right(2094, ("Current1", 2094, -24.407383), ("Current4", 2094, -24.0318052),
+        period=1 / 13.4, tolerance=0.02),
+    "ppg_buffered.csv": right(68476, ("hr", 68476, 509.394766), period=681.898 / 68475, tolerance=0.005,
+        span=681.898, torn=1),
     "arm_whole_seconds.csv": right(7039, ("Accel_X", 7039, -0.223429038), period=1 / 67, tolerance=0.02),
     "dht22_field_added.csv": right(3151, ("Temperature", 3148, 28.4383736), ("Humidity", 3148, 72.2198539)),
-    "balcony_six_date_columns.txt": right(
-        1820, ("Temperatures", 1820, 15.1731868, CELSIUS), period=120, tolerance=0.02
-    ),
-}
+    "balcony_six_date_columns.txt": right(1820, ("Temperatures", 1820, 15.1731868, CELSIUS), period=120,
+        tolerance=0.02),
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("name", RIGHT)

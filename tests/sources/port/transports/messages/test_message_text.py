@@ -51,15 +51,12 @@ def test_no_datagram_breaks_a_line(data):
     assert list(parser)[-1].rows == ((3.0, 4.0),)
 
 
-@pytest.mark.parametrize(
-    ("subscribed", "topic", "name"),
-    [
-        ("home/barn/temperature", "home/barn/temperature", "temperature"),
-        ("home/+/temperature", "home/barn/temperature", "barn/temperature"),
-        *(("home/#", "home/barn/temperature", "barn/temperature"), ("home/#", "home", "home")),
-        *(("#", "home/barn", "home/barn"), ("+/+", "AA:BB/x>y", "AA_BB/x_y"), ("t", "t", "t")),
-    ],
-)
+@pytest.mark.parametrize(("subscribed", "topic", "name"), [
+    ("home/barn/temperature", "home/barn/temperature", "temperature"),
+    ("home/+/temperature", "home/barn/temperature", "barn/temperature"),
+    *(("home/#", "home/barn/temperature", "barn/temperature"), ("home/#", "home", "home")),
+    *(("#", "home/barn", "home/barn"), ("+/+", "AA:BB/x>y", "AA_BB/x_y"), ("t", "t", "t")),
+])  # fmt: skip
 def test_a_topic_names_its_channel(subscribed, topic, name):
     assert rows_of(topic_lines(subscribed, topic, b"21.5")) == [("row", {name: 21.5})]
 
@@ -67,17 +64,13 @@ def test_a_topic_names_its_channel(subscribed, topic, name):
 SENSOR = b'{"Time":"2026-11-23T10:00:00","AM2301":{"Temperature":21.3,"Humidity":40}}'
 
 
-@pytest.mark.parametrize(
-    ("payload", "one", "of_many"),
-    [
-        (b"21.5", {"s": 21.5}, {"b/s": 21.5}),
-        ("21.5 °C".encode(), {"s": 21.5}, {"b/s": 21.5}),
-        (b'{"temp": 21.3}', {"temp": 21.3}, {"b/s.temp": 21.3}),
-        (b"512,300", {"value 1": 512.0, "value 2": 300.0}, {"b/s[0]": 512.0, "b/s[1]": 300.0}),
-        (b"temp:1 hum:2", {"temp": 1.0, "hum": 2.0}, {"b/s.temp": 1.0, "b/s.hum": 2.0}),
-        (SENSOR, None, {"b/s.AM2301.Temperature": 21.3, "b/s.AM2301.Humidity": 40.0}),
-    ],
-)
+@pytest.mark.parametrize(("payload", "one", "of_many"), [
+    (b"21.5", {"s": 21.5}, {"b/s": 21.5}), ("21.5 °C".encode(), {"s": 21.5}, {"b/s": 21.5}),
+    (b'{"temp": 21.3}', {"temp": 21.3}, {"b/s.temp": 21.3}),
+    (b"512,300", {"value 1": 512.0, "value 2": 300.0}, {"b/s[0]": 512.0, "b/s[1]": 300.0}),
+    (b"temp:1 hum:2", {"temp": 1.0, "hum": 2.0}, {"b/s.temp": 1.0, "b/s.hum": 2.0}),
+    (SENSOR, None, {"b/s.AM2301.Temperature": 21.3, "b/s.AM2301.Humidity": 40.0}),
+])  # fmt: skip
 def test_what_a_payload_holds(payload, one, of_many):
     def merged(lines):
         return {name: value for kind, row in rows_of(lines) for name, value in row.items()}
