@@ -6,13 +6,9 @@ import math
 
 import numpy as np
 import pytest
-from tests.filtering.five_lines import assert_same_bits, five_lines
 
 from kalscope import BadSetting, FilterParams, KalmanFilter, denoise, fuse, kalman_filter, smooth
 from kalscope.estimation.request import starting_params
-from kalscope.filtering import kernels
-
-NILE_Q, NILE_R = 1469.1, 15099.0
 
 
 def noisy_walk(n=2000, q=0.01, r=1.0, seed=0, missing=0.0):
@@ -27,7 +23,7 @@ def noisy_walk(n=2000, q=0.01, r=1.0, seed=0, missing=0.0):
 
 def test_nile_steps_and_log_likelihood_are_the_published_ones(nile):
     """Durbin & Koopman (2012), section 2.10; log-likelihood in the n - 1 convention, as KFAS prints it."""
-    result = kalman_filter(nile, FilterParams(NILE_Q, NILE_R))
+    result = kalman_filter(nile, FilterParams(1469.1, 15099.0))
     assert result.x[:4] == pytest.approx([1120.0, 1140.92784, 1072.79853, 1117.30895], abs=5e-6)
     assert result.innovation[1:4] == pytest.approx([40.0, -177.92784, 137.20147], abs=5e-6)
     assert result.s[1:4] == pytest.approx([31667.1, 24467.83638, 22349.56994], abs=5e-6)
@@ -50,59 +46,22 @@ def test_a_start_variance_far_above_r_is_the_unknown_start():
 # --- laws -----------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("start", [(None, None), (100.0, None), (0.0, 0.0), (1.0, -5.0)])
-@pytest.mark.parametrize("missing", [0.0, 0.2])
-@pytest.mark.parametrize("irregular", [False, True])
-def test_filter_equals_the_five_lines_bit_for_bit(start, missing, irregular):
-    z = noisy_walk(3000, missing=missing, seed=3)
-    if missing:
-        z[:4] = np.nan
-    dt = np.random.default_rng(4).integers(0, 4, len(z)).astype(float) if irregular else None
-    p0, x0 = start
-    result = kalman_filter(z, FilterParams(0.01, 1.0, p0, x0), dt)
-    p, x = (math.inf if p0 is None else p0), (math.nan if x0 is None else x0)
-    expected = five_lines(z, 0.01, 1.0, p, x, dt)
-    for seen, wanted in zip((result.x, result.p, result.k, result.innovation, result.s), expected, strict=True):
-        assert_same_bits(seen, wanted)
-
-
 # --- momentum -----------------------------------------------------------------------------------------
 
 
-MOVING = (
-    FilterParams(0.05, 1.0, momentum=20.0),
-    FilterParams(0.05, 1.0, p0=4.0, momentum=3.0),
-    FilterParams(0.0, 1.0, p0=0.5, x0=2.0, momentum=50.0),
-)
-
-
-def spiky_record(n=600, seed=1):
-    rng = np.random.default_rng(seed)
-    z = np.cumsum(np.cumsum(rng.normal(0, 0.02, n))) + rng.normal(size=n)
-    z[rng.random(n) < 0.05] = np.nan
-    z[rng.random(n) < 0.02] += 30.0
-    return z, rng.choice([0.0, 0.5, 1.0, 1.0, 3.0], n)
-
-
-@pytest.mark.parametrize("params", MOVING, ids=repr)
 @pytest.mark.parametrize(("unit", "pace"), [(8.0, 1.0), (1.0, 4.0), (0.5, 0.25)])
 @pytest.mark.parametrize("function", [kalman_filter, smooth])
-def test_another_unit_of_the_signal_or_of_time_is_the_same_filter(params, unit, pace, function):
+def test_another_unit_of_the_signal_or_of_time_is_the_same_filter(unit, pace, function):
     """Powers of two, which cost no digit."""
-    z, dt = spiky_record()
-    p0, x0 = params.p0, params.x0
-    scaled = FilterParams(
-        unit**2 / pace * params.q,
-        unit**2 * params.r,
-        p0 if p0 is None else unit**2 * p0,
-        x0 if x0 is None else unit * x0,
-        momentum=pace * params.momentum,
-    )
+    rng = np.random.default_rng(1)
+    z, dt = noisy_walk(600, missing=0.05), rng.choice([0.0, 0.5, 1.0, 1.0, 3.0], 600)
+    params = FilterParams(0.05, 1.0, p0=0.5, x0=2.0, momentum=20.0)
+    scaled = FilterParams(0.05 * unit**2 / pace, unit**2, 0.5 * unit**2, 2.0 * unit, momentum=20.0 * pace)
     before, after = function(z, params, dt), function(unit * z, scaled, pace * dt)
-    assert_same_bits(after.x, unit * before.x)
-    assert_same_bits(after.p, unit**2 * before.p)
-    assert_same_bits(after.velocity, unit / pace * before.velocity)
-    assert_same_bits(after.velocity_p, (unit / pace) ** 2 * before.velocity_p)
+    np.testing.assert_array_equal(after.x, unit * before.x)
+    np.testing.assert_array_equal(after.p, unit**2 * before.p)
+    np.testing.assert_array_equal(after.velocity, unit / pace * before.velocity)
+    np.testing.assert_array_equal(after.velocity_p, (unit / pace) ** 2 * before.velocity_p)
 
 
 # --- several sensors ----------------------------------------------------------------------------------
@@ -131,25 +90,6 @@ def test_a_row_that_is_refused_leaves_the_state(row):
 
 
 # --- the gate -------------------------------------------------------------------------------------------
-
-
-def test_the_gate_skips_a_spike_and_counts_it():
-    z = noisy_walk(400, seed=8)
-    z[200] += 50.0
-    open_, gated = (kalman_filter(z, FilterParams(0.01, 1.0, gate=g)) for g in (None, 25.0))
-    assert (open_.rejected, gated.rejected) == (0, 1)
-    assert gated.k[200] == 0.0
-    assert gated.x[200] == gated.x[199]
-    assert abs(gated.x[200] - open_.x[200]) > 1.0
-    assert gated.m == open_.m - 1
-
-
-def test_the_gate_cannot_lock_out_a_step():
-    z = np.concatenate([np.zeros(50), np.full(50, 1e6)])
-    result = kalman_filter(z, FilterParams(1e-6, 1.0, gate=9.0))
-    refused = np.flatnonzero(result.k[50:] == 0.0)
-    assert refused[: kernels.GATE_LIMIT].tolist() == list(range(kernels.GATE_LIMIT))
-    assert result.k[50 + kernels.GATE_LIMIT] > 0.0
 
 
 def test_a_masked_sample_is_missing():
@@ -228,14 +168,11 @@ def test_prior_at_the_first_sample_gives_the_columns_of_the_marss_guide(nile):
 def test_exact_diffuse_start_gives_the_ten_points_of_kfas():
     """statsmodels' results_exact_initial_local_level_R.csv (KFAS 1.3.1): alphahat and sumV."""
     got = smooth([10.2394] + [1.0] * 9, FilterParams(q=8.253, r=1.993))
-    assert got.x == pytest.approx(KFAS_ALPHAHAT, rel=1e-13)
-    assert got.p == pytest.approx(KFAS_SUMV, rel=1e-13)
-
-
-KFAS_ALPHAHAT = [8.69269189482201, 2.28778372019385, 1.21557953089427, 1.03608877283924, 1.00604138771061]
-KFAS_ALPHAHAT += [1.00101134968464, 1.0001693041059, 1.00002834572536, 1.00000476680865, 1.00000092721546]
-KFAS_SUMV = [1.65936477978876, 1.42808320855318, 1.4216017878374, 1.42142015300846, 1.42141506687939]
-KFAS_SUMV += KFAS_SUMV[::-1]
+    x = [8.69269189482201, 2.28778372019385, 1.21557953089427, 1.03608877283924, 1.00604138771061]
+    x += [1.00101134968464, 1.0001693041059, 1.00002834572536, 1.00000476680865, 1.00000092721546]
+    p = [1.65936477978876, 1.42808320855318, 1.4216017878374, 1.42142015300846, 1.42141506687939]
+    assert got.x == pytest.approx(x, rel=1e-13)
+    assert got.p == pytest.approx(p + p[::-1], rel=1e-13)
 
 
 # --- edges ----------------------------------------------------------------------------------------------

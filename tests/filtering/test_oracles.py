@@ -8,16 +8,54 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from tests.filtering.dense_momentum import constant_velocity, dense_model, van_loan
 
 from kalscope import FilterParams, kalman_filter, smooth, steady_state
 from kalscope.filtering import steady
 
 
+def van_loan(dt, q, tau):
+    """F and Q of dx = v dt, dv = -v/τ dt + noise, by the exponential of a block matrix (Van Loan 1978)."""
+    doublings = max(0, math.ceil(math.log2(max(dt / tau, dt, 1e-300)))) + 4
+    drift = np.array([[0.0, 1.0], [0.0, -1.0 / tau]])
+    noise = np.diag([0.0, q / tau**2])
+    block = np.block([[-drift, noise], [np.zeros((2, 2)), drift.T]]) * dt / 2.0**doublings
+    power = total = np.eye(4)
+    for k in range(1, 20):
+        power = power @ block / k
+        total = total + power
+    f = total[2:, 2:].T
+    cov = f @ total[:2, 2:]
+    for _ in range(doublings):
+        f, cov = f @ f, f @ cov @ f.T + cov
+    return f, cov
+
+
+def constant_velocity(dt, acceleration):
+    """F and Q of dx = v dt, dv = noise of density `acceleration` (Bar-Shalom et al. 2001, section 6.2.2)."""
+    f = np.array([[1.0, dt], [0.0, 1.0]])
+    return f, acceleration * np.array([[dt**3 / 3.0, dt**2 / 2.0], [dt**2 / 2.0, dt]])
+
+
+def dense_model(q, tau, dt, x0, p0):
+    """Mean and covariance of (x1, v1, x2, v2, …); without x0 and p0, around the unknown first value."""
+    mean, cov = np.array([0.0 if x0 is None else x0, 0.0]), np.diag([0.0 if p0 is None else p0, q / (2 * tau)])
+    moves, n = [van_loan(step, q, tau) for step in dt], len(dt)
+    means, whole = np.empty(2 * n), np.empty((2 * n, 2 * n))
+    for i, (f, noise) in enumerate(moves):
+        mean, cov = f @ mean, f @ cov @ f.T + noise
+        means[2 * i : 2 * i + 2] = mean
+        whole[2 * i : 2 * i + 2, 2 * i : 2 * i + 2] = piece = cov
+        for j in range(i + 1, n):
+            piece = moves[j][0] @ piece
+            whole[2 * j : 2 * j + 2, 2 * i : 2 * i + 2] = piece
+            whole[2 * i : 2 * i + 2, 2 * j : 2 * j + 2] = piece.T
+    return means, whole
+
+
 def states_of(params, dt):
     """Mean and covariance of (x, velocity) at every row; x is around the unknown first value if diffuse."""
     if params.momentum:
-        return dense_model(params.q, 1.0, params.momentum, dt, params.x0, params.p0)
+        return dense_model(params.q, params.momentum, dt, params.x0, params.p0)
     moved = params.q * np.cumsum(dt)
     n = len(dt)
     mean, cov = np.zeros(2 * n), np.zeros((2 * n, 2 * n))

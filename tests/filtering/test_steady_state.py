@@ -14,36 +14,24 @@ from kalscope import BadSetting, FilterParams, kalman_filter, params_for_specifi
 T = 0.02
 
 
-def test_above_four_there_is_no_cutoff():
+PAIRS = [(ratio, 1.0, 0.0) for ratio in (1e-4, 1e-2, 0.1, 1.0, 3.9, 25.0)]
+PAIRS += [(0.01, 1.0, 20.0), (1e-4, 1.0, 5.0), (1.0, 1.0, 0.05), (1.0, 1.0, 0.5), (100.0, 1.0, 1000.0)]
+PAIRS += [(1e4, 1.0, 1e5), (0.3, 1.0, 1e-6), (10.0, 1.0, 3.0), (1e3, 1.0, 10.0)]
+
+
+def test_limits():
+    """Above q/r = 4 there is no cut-off; at 1e12 (−λ + √(λ² + 4λ))/2 would give exactly 1; no −0 dB."""
     assert steady_state(FilterParams(4.0, 1.0), T).cutoff_hz == pytest.approx(0.5 / T)
     assert math.isnan(steady_state(FilterParams(4.1, 1.0), T).cutoff_hz)
-
-
-def test_large_ratios_keep_their_digits():
-    """1 − K = K²/λ: at λ = 1e12 the form (−λ + √(λ² + 4λ))/2 gives exactly 1."""
-    steady = steady_state(FilterParams(1e12, 1.0))
-    assert steady.gain == pytest.approx(0.999999999999, abs=1e-15)
-    assert steady.lag_samples == pytest.approx(1e-12, rel=1e-9)
-
-
-def test_no_process_noise_never_settles_and_no_measurement_noise_never_smooths():
+    large = steady_state(FilterParams(1e12, 1.0))
+    assert (large.gain, large.lag_samples) == (
+        pytest.approx(1.0 - 1e-12, abs=1e-15),
+        pytest.approx(1e-12, rel=1e-9),
+    )
     still, raw = steady_state(FilterParams(0.0, 1.0), T), steady_state(FilterParams(1.0, 0.0), T)
     assert (still.gain, still.lag_samples, still.cutoff_hz, still.settle_samples) == (0, math.inf, 0, math.inf)
     assert (raw.gain, raw.lag_samples, raw.noise_reduction_db, raw.settle_samples) == (1, 0, 0, 0)
-
-
-PAIRS = (
-    *((ratio, 1.0, 0.0) for ratio in (1e-4, 1e-2, 0.1, 1.0, 3.9, 25.0)),
-    (0.01, 1.0, 20.0),
-    (1e-4, 1.0, 5.0),
-    (1.0, 1.0, 0.05),
-    (1.0, 1.0, 0.5),
-    (100.0, 1.0, 1000.0),
-    (1e4, 1.0, 1e5),
-    (0.3, 1.0, 1e-6),
-    (10.0, 1.0, 3.0),
-    (1e3, 1.0, 10.0),
-)
+    assert str(steady_state(FilterParams(1.0, 0.0, momentum=20.0)).noise_reduction_db) == "0.0"
 
 
 def settled_answer(q, r, momentum, n=6000):
@@ -91,19 +79,13 @@ def exact(ratio, momentum):
     """
     with decimal.localcontext() as digits:
         digits.prec = 50
-        q, tau, no, one = (
-            Decimal(ratio),
-            Decimal(momentum),
-            Decimal(0),
-            np.array([[Decimal(1), 0], [0, Decimal(1)]]),
-        )
+        q, tau, no = Decimal(ratio), Decimal(momentum), Decimal(0)
+        one = np.array([[no + 1, no], [no, no + 1]])
         e = (-1 / tau).exp()
         u = 1 - e
         move = np.array([[1, tau * u], [no, e]])
-        across = q * u * u / 2
-        p = np.array(
-            [[q * tau * (1 / tau - 2 * u + (1 - e * e) / 2), across], [across, q / (2 * tau) * (1 - e * e)]]
-        )
+        own, across = q * tau * (1 / tau - 2 * u + (1 - e * e) / 2), q * u * u / 2
+        p = np.array([[own, across], [across, q / (2 * tau) * (1 - e * e)]])
         over, known, before = move.T, np.array([[Decimal(1), no], [no, no]]), no * p
         while abs(p - before).max() > Decimal("1e-30") * abs(p).max():
             before, share = p, inverse(one + known @ p)
@@ -136,29 +118,23 @@ def test_every_answer_is_a_number_at_every_edge(q, r, momentum):
     assert found.settle_samples >= 0.0
 
 
-def test_a_sensor_without_noise_is_reduced_by_0_and_not_by_minus_0():
-    reduction = steady_state(FilterParams(1.0, 0.0, momentum=20.0)).noise_reduction_db
-    assert str(reduction) == "0.0"
-
-
-T = 0.02
-MOMENTA = (0.0, 1e-9, 0.05, 0.7, 5.0, 60.0, 3e3, 1e5)
-TARGETS = [
-    *(("lag_samples", value) for value in (1e-3, 0.3, 2.0, 11.0, 400.0, 1e6)),
-    *(("lag_s", value) for value in (1e-3, 0.05, 30.0)),
-    *(("gain", value) for value in (1e-5, 0.02, 0.4, 0.97)),
-    *(("noise_reduction_db", value) for value in (0.05, 3.0, 13.0, 60.0)),
-    *(("cutoff_hz", value) for value in (1e-4, 0.3, 7.0, 24.0)),
-]
+TARGETS = {
+    "lag_samples": (1e-3, 0.3, 2.0, 11.0, 400.0, 1e6),
+    "lag_s": (1e-3, 0.05, 30.0),
+    "gain": (1e-5, 0.02, 0.4, 0.97),
+    "noise_reduction_db": (0.05, 3.0, 13.0, 60.0),
+    "cutoff_hz": (1e-4, 0.3, 7.0, 24.0),
+}
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("momentum", MOMENTA)
-@pytest.mark.parametrize(("target", "value"), TARGETS)
-def test_ratio_for_is_the_inverse_of_steady_state_at_any_momentum(target, value, momentum):
-    ratio = ratio_for(**{target: value}, sample_period=T, momentum=momentum)
-    found = getattr(steady_state(FilterParams(ratio, 1.0, momentum=momentum), T), target)
-    assert found == pytest.approx(value, rel=1e-9)
+@pytest.mark.parametrize("momentum", [0.0, 1e-9, 0.05, 0.7, 5.0, 60.0, 3e3, 1e5])
+@pytest.mark.parametrize("target", TARGETS)
+def test_ratio_for_is_the_inverse_of_steady_state_at_any_momentum(target, momentum):
+    for value in TARGETS[target]:
+        ratio = ratio_for(**{target: value}, sample_period=T, momentum=momentum)
+        found = getattr(steady_state(FilterParams(ratio, 1.0, momentum=momentum), T), target)
+        assert found == pytest.approx(value, rel=1e-9)
 
 
 # ---- an overshoot that is allowed
@@ -179,14 +155,6 @@ def test_lag_or_noise_or_cutoff_comes_back_together_with_the_overshoot(target, v
     assert found.overshoot <= overshoot
 
 
-def test_the_filter_itself_has_the_lag_and_the_overshoot_that_were_asked():
-    params = params_for_specification(4.0, lag_samples=6.0, overshoot=0.08)
-    step = kalman_filter(np.repeat([0.0, 1.0], 3000), params).x[3000:]
-    assert step.max() == pytest.approx(1.08, abs=1e-9)
-    ramp = np.arange(6000.0)
-    assert ramp[-1] - kalman_filter(ramp, params).x[-1] == pytest.approx(6.0, abs=1e-9)
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("lag", [0.7, 4.0, 60.0])
 def test_no_filter_within_lag_and_overshoot_leaves_less_noise(lag):
@@ -194,10 +162,8 @@ def test_no_filter_within_lag_and_overshoot_leaves_less_noise(lag):
     least = steady_state(best).noise_reduction_db
     rng = np.random.default_rng(5)
     tried = 0
-    for shift, stretch in rng.normal(0.0, 0.7, (150, 2)):
-        other = steady_state(
-            FilterParams(best.q * math.exp(shift), 1.0, momentum=min(best.momentum * math.exp(stretch), 1e5))
-        )
+    for shift, stretch in np.exp(rng.normal(0.0, 0.7, (150, 2))):
+        other = steady_state(FilterParams(best.q * shift, 1.0, momentum=min(best.momentum * stretch, 1e5)))
         if other.lag_samples <= lag and other.overshoot <= 0.07:
             tried += 1
             assert other.noise_reduction_db <= least + 1e-9

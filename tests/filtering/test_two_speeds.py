@@ -81,17 +81,6 @@ def test_stream_pieces_and_denoise_give_the_same_bits(record):
     assert np.array_equal(np.concatenate([part.moving for part in parts]), whole.moving)
 
 
-def test_it_is_calm_at_rest_quick_at_a_step_and_back_after_a_spike():
-    rng = np.random.default_rng(1)
-    z = np.concatenate([np.zeros(300), np.full(300, 20.0)]) + rng.normal(size=600)
-    z[100] += 30.0
-    got = kalman_filter(z, PARAMS)
-    assert np.abs(np.delete(got.x[50:300], 50)).max() < 2.0
-    assert np.abs(got.x[303:] - 20.0).max() < 2.0
-    assert got.moving[300:302].min() > 0.4  # at first it may be a spike
-    assert np.median(got.moving[50:300]) < 0.02
-
-
 def test_the_smoother_is_closer_to_the_truth():
     rng = np.random.default_rng(2)
     x = np.cumsum((rng.random(2000) < 0.005) * rng.normal(0, 15, 2000))
@@ -115,14 +104,10 @@ def spiky(rng):
     return np.cumsum(0.17 * rng.normal(size=1000)) + rng.normal(size=1000) + spikes
 
 
-def rounded(rng, step=0.2, n=3000):
-    return 4.0 * np.round((np.cumsum(step * rng.normal(size=n)) + rng.normal(size=n)) / 4.0)
+def rounded(rng):
+    return 4.0 * np.round((np.cumsum(0.2 * rng.normal(size=3000)) + rng.normal(size=3000)) / 4.0)
 
 
-def rounded_briefly(rng):
-    return rounded(rng, 0.3, 300)
-
-
-@pytest.mark.parametrize(("kind", "seed"), [(spiky, 34), (rounded, 7), (rounded, 10), (rounded_briefly, 7)])
+@pytest.mark.parametrize(("kind", "seed"), [(spiky, 34), (rounded, 7), (rounded, 10)])
 def test_large_spikes_and_coarse_readings_do_not_pass_for_movement(kind, seed):
     assert estimate(kind(np.random.default_rng(seed)), two_speeds=True).params.fast is None
