@@ -20,10 +20,14 @@ def record(cycles, size=2.0, n=4000):
 
 @pytest.mark.parametrize("cycles", [0.021, 0.1, 0.2718, 0.494])
 def test_a_line_is_found_where_it_is_with_its_size(cycles):
-    line = find_line(record(cycles))
-    assert line.frequency == pytest.approx(cycles, abs=2e-4)
-    assert line.variance == pytest.approx(2.0, rel=0.15)
-    assert line.of_noise == pytest.approx(2.0 / 3.0, abs=0.05)
+    """In any unit, also behind missing samples."""
+    z = record(cycles)
+    z[:40] = np.nan
+    for scale in (1.0, 1e-200, 1e300):
+        line = find_line(scale * z)
+        assert line.frequency == pytest.approx(cycles, abs=2e-4)
+        assert line.of_record * np.nanvar(z) == pytest.approx(2.0, rel=0.15)
+        assert line.of_noise == pytest.approx(2.0 / 3.0, abs=0.05)
 
 
 def test_no_line_is_found_without_one():

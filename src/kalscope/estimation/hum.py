@@ -47,12 +47,10 @@ class Line:
 
     frequency: float
     """Cycles per sample."""
-    variance: float
-    """Of the line, unit²."""
     of_record: float
-    """The same as a share of the variance of the record."""
+    """Its variance as a share of that of the record."""
     of_noise: float
-    """The same as a share of its sum with the variance of white noise of the level beside the line."""
+    """Its variance as a share of its sum with that of white noise of the level beside the line."""
 
     def mains(self, sample_period: float | None) -> float | None:
         """The mains frequency that appears here, Hz; None where none does, or slow samples may meet any of them."""
@@ -93,12 +91,13 @@ def find_line(z: Array, dt: Array | None = None) -> Line | None:
     """
     if len(z) < MIN_SAMPLES or np.isfinite(z).mean() < 0.9 or (dt is not None and np.abs(dt - 1.0).mean() > 0.1):
         return None
-    from scipy.ndimage import median_filter
     from scipy.special import gammainccinv, gammaincinv
 
     z = z[-MAX_SEGMENTS * SEGMENT :]
-    latest = np.maximum.accumulate(np.where(np.isfinite(z), np.arange(len(z)), 0))
-    changes = np.diff(z[latest])
+    z = z[np.argmax(np.isfinite(z)) :]
+    z = z[np.maximum.accumulate(np.where(np.isfinite(z), np.arange(len(z)), 0))]
+    z = z / max(np.abs(z).max(), np.finfo(float).tiny)  # no unit, so no square leaves the range of a float
+    changes = np.diff(z)
     changes = np.clip(changes, *_bounds(changes))
     size = min(SEGMENT, len(changes))
     parts = np.stack(np.split(changes[: len(changes) // size * size], len(changes) // size))
@@ -106,7 +105,8 @@ def find_line(z: Array, dt: Array | None = None) -> Line | None:
     power = np.mean(np.abs(np.fft.rfft(parts * window)) ** 2, axis=0)[1:-1] / (window @ window)
     at = np.arange(1, len(power) + 1) / size
     count = float(len(parts))
-    level = median_filter(power, 2 * AROUND + 1, mode="mirror") / (gammaincinv(count, 0.5) / count)
+    around = np.lib.stride_tricks.sliding_window_view(np.pad(power, AROUND, mode="reflect"), 2 * AROUND + 1)
+    level = np.median(around, axis=1) / (gammaincinv(count, 0.5) / count)
     usable = (at > max(MIN_LINE, 8.0 / size)) & (at < MAX_NOTCH)
     excess = np.where(usable & (level > 0.0), power / np.maximum(level, 1e-300), 0.0)
     peak = int(np.argmax(excess))
@@ -118,8 +118,7 @@ def find_line(z: Array, dt: Array | None = None) -> Line | None:
     turned = 2.0 - 2.0 * math.cos(2.0 * math.pi * center)  # what differences make of the power at a frequency
     variance = 2.0 * float(above.sum()) / size / turned
     white = float(np.median(level)) / 2.0
-    whole = float(np.var(z[latest]))
-    return Line(center, variance, variance / max(whole, variance), variance / (variance + white))
+    return Line(center, variance / max(float(np.var(z)), variance), variance / (variance + white))
 
 
 def _bounds(changes: Array) -> tuple[float, float]:
