@@ -14,7 +14,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from kalscope.common.numbers import Array
 from kalscope.common.text import lag_in_full
-from kalscope.estimation.methods import allan_variances
 from kalscope.filtering.filter import denoise
 from kalscope.filtering.params import FilterParams, one_channel, scalar
 from kalscope.filtering.steady import settled_transfer, steady_state
@@ -192,7 +191,7 @@ def allan_deviation(z: ArrayLike, params: FilterParams, sample_period: float | N
     there = np.isfinite(samples)
     level = float(samples[there].mean()) if there.any() else 0.0
     row = np.where(there, samples - level, 0.0)
-    size, variance, degrees = allan_variances(row, there, log_sizes(len(row) // 4))
+    size, variance, degrees = _allan_variances(row, there, log_sizes(len(row) // 4))
     q, r, momentum = params.q, float(params.r), params.momentum
     deviation = np.sqrt(variance)
     spread = deviation / np.sqrt(2.0 * degrees)
@@ -210,6 +209,26 @@ def allan_deviation(z: ArrayLike, params: FilterParams, sample_period: float | N
         in_seconds=sample_period is not None,
         message=_message(size, deviation, spread, best, sample_period),
     )
+
+
+def _allan_variances(row: Array, there: NDArray[np.bool_], sizes: NDArray[np.int64]) -> tuple[Array, Array, Array]:
+    """M, overlapping Allan variances, and their degrees of freedom; shape (k,) each.
+
+    `row` has one value per sample period, `there` says which exist; windows with a missing sample do not count.
+    `sizes` are the M, ascending; those with too few windows are left out.
+    """
+    sums = np.concatenate([[0.0], np.cumsum(np.where(there, row, 0.0))])
+    counts = np.concatenate([[0], np.cumsum(there)])
+    points: list[tuple[float, float, float]] = []
+    for size in map(int, sizes):
+        end = len(sums) - 2 * size
+        full = counts[2 * size :] - counts[:end] == 2 * size
+        jumps = (sums[2 * size :] - 2.0 * sums[size : size + end] + sums[:end])[full] / size
+        if len(jumps) < 2 * size:
+            break
+        points.append((float(size), 0.5 * float(np.mean(jumps**2)), max(len(jumps) / size, 1.0)))
+    columns = np.array(points).reshape(-1, 3).T
+    return columns[0], columns[1], columns[2]
 
 
 def allan_model(size: ArrayLike, q: float, r: float, momentum: float = 0.0) -> Array:

@@ -13,15 +13,15 @@ from numpy.typing import ArrayLike
 from kalscope.common.numbers import Array, above_zero
 from kalscope.common.progress import Progress
 from kalscope.errors import BadSetting
-from kalscope.estimation import methods, verdict
-from kalscope.estimation.likelihood import Differences, Peak, differences, search_records
+from kalscope.estimation import verdict
+from kalscope.estimation.likelihood import Differences, Peak, differences, fit_maximum_likelihood, search_records
 from kalscope.estimation.momentum import conclude as conclude_momentum
 from kalscope.estimation.momentum import fit_movement, with_given_momentum, with_momentum
 from kalscope.estimation.noise import resolution_of
 from kalscope.estimation.result import Estimate, Pair
 from kalscope.estimation.spikes import Fit, checked_robust, spike_proof
 from kalscope.estimation.two_speeds import with_two_speeds
-from kalscope.estimation.verdict import NOWHERE, channel_fit, conclude, exp, fit_record
+from kalscope.estimation.verdict import NOWHERE, channel_fit, conclude, exp, fit_record, note_on_differences
 from kalscope.filtering.params import MAX_MOMENTUM, MAX_VARIANCE, MIN_MOMENTUM, FilterParams
 from kalscope.filtering.steady import momentum_for_overshoot, ratio_for
 
@@ -80,8 +80,8 @@ def estimate(
         )
 
     def walk(data: Differences, progress: Progress) -> Estimate:
-        peak = methods.search(data, progress)
-        pair = replace(methods.fit_maximum_likelihood(data, peak), note=methods.note_on_differences(data))
+        peak = search_records(data.records, progress=progress).one()
+        pair = replace(fit_maximum_likelihood(data, peak), note=note_on_differences(data))
         return conclude("ml", data, pair, peak)
 
     def channel(tau: float | None) -> Fit:
@@ -236,7 +236,7 @@ def estimate_fixed_ratio(
     def fit(data: Differences, progress: Progress) -> Estimate:
         r = float(data.sums(np.array([chosen]))[0][0]) / data.m
         r_se = r * math.sqrt(2.0 / data.m)
-        peak = methods.search(data, progress)
+        peak = search_records(data.records, progress=progress).one()
         low, high = peak.interval
         text = verdict.chosen_ratio(exp(low), exp(high), chosen)
         return conclude("fixed_ratio", data, Pair(chosen * r, r, chosen * r_se, r_se, text=text), peak)

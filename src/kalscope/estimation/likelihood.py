@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from kalscope.common.numbers import Array, Indices, Mask
 from kalscope.common.progress import Progress
 from kalscope.estimation import kernels
-from kalscope.estimation.result import Estimate
+from kalscope.estimation.result import Estimate, Pair
 from kalscope.filtering.filter import kalman_filter
 from kalscope.filtering.params import FilterParams
 
@@ -381,6 +381,60 @@ def find_top_near(data: Differences, log_ratio: float) -> Peak | None:
     at = log_ratio + STEP * float(x[0])
     peak = Peak(at, float(height[0]), float(bend[0]) / STEP**2, (-math.inf, math.inf))
     return peak if abs(at - log_ratio) < 0.95 * STEP else None
+
+
+# The pair at a peak.
+
+
+_DERIVATIVE_STEP = 1e-3
+"""Step in ln λ for the slope of ln r̂(λ), which only feeds standard errors."""
+
+
+def fit_near(data: Differences, ratio: float, progress: Progress) -> Pair:
+    """The pair of a record whose λ is probably near `ratio`: searched there first."""
+    peak = find_top_near(data, math.log(ratio)) if 0.0 < ratio < math.inf else None
+    return fit_maximum_likelihood(data, peak or search_records(data.records, progress=progress).one())
+
+
+def fit_maximum_likelihood(data: Differences, peak: Peak) -> Pair:
+    """The pair at the peak of the likelihood, and their standard errors."""
+    place = np.array([peak.log_ratio])
+    chi2, _ = data.records.sums(ONE, ratios_near(place))
+    q_error, r_error = (float(one[0]) for one in relative_errors(place, np.array([peak.curvature]), chi2, data.m))
+    if peak.log_ratio == math.inf:
+        q = data.random_walk()[1]
+        return Pair(q, 0.0, q * q_error, math.inf)
+    r = float(chi2[0, 0]) / data.m
+    q = math.exp(peak.log_ratio) * r
+    return Pair(q, r, q * q_error if q else math.inf, r * r_error)
+
+
+def logs_near(log_ratios: Array) -> Array:
+    """Each ln λ, and a small step before and after it, shape (k, 3), for `relative_errors`."""
+    return log_ratios[:, None] + _DERIVATIVE_STEP * np.array([0.0, -1.0, 1.0])
+
+
+def ratios_near(log_ratios: Array) -> Array:
+    """The λ of `logs_near`."""
+    return np.exp(np.minimum(logs_near(log_ratios), MAX_LOG_RATIO))
+
+
+def relative_errors(log_ratios: Array, curvature: Array, chi2: Array, m: Array | int) -> tuple[Array, Array]:
+    """Standard errors of ln q and ln r from the observed information in (ln r, ln λ), shape (k,).
+
+    There var(ln λ) = −1/ℓ″, and r given λ has var(ln r) = 2/m (m squared innovations), while the best r moves
+    with λ by the slope b: var(ln r) = 2/m + b² var(ln λ), var(ln q) = 2/m + (1 + b)² var(ln λ).
+
+    Args:
+        log_ratios: ln λ of each peak.
+        curvature: second derivative of its log-likelihood.
+        chi2: Σv²/f of `ratios_near`, shape (k, 3).
+        m: scored innovations.
+    """
+    slope = np.log(chi2[:, 2] / chi2[:, 1]) / (2.0 * _DERIVATIVE_STEP)
+    variance = np.divide(-1.0, curvature, out=np.full(len(slope), math.inf), where=curvature < 0.0)
+    variance[np.isinf(log_ratios)] = 0.0
+    return np.sqrt(2.0 / m + (1.0 + slope) ** 2 * variance), np.sqrt(2.0 / m + slope**2 * variance)
 
 
 def _refine(logliks: LogLiks, grid: Array, values: Array) -> tuple[Array, Array, Array]:

@@ -16,7 +16,7 @@ from kalscope.common.numbers import Array
 from kalscope.common.progress import Progress
 from kalscope.common.text import number, percent
 from kalscope.errors import BadSetting
-from kalscope.estimation import kernels, methods
+from kalscope.estimation import kernels
 from kalscope.estimation import verdict as verdict_words
 from kalscope.estimation.climb import (
     FINE,
@@ -39,8 +39,11 @@ from kalscope.estimation.likelihood import (
     Profile,
     differences,
     find_peak,
+    fit_near,
     grid_for,
     loglik_of,
+    logs_near,
+    relative_errors,
 )
 from kalscope.estimation.result import Estimate, MomentumFit
 from kalscope.estimation.verdict import MIN_VARIANCE
@@ -309,11 +312,11 @@ def _peak(data: Differences, tau: float, progress: Progress, r: float | None = N
 def fit_at(data: Differences, tau: float, progress: Progress) -> MomentumFit:
     """The best q and r of one τ > 0."""
     peak = _peak(data, tau, progress)
-    near = methods.logs_near(np.array([peak.log_ratio]))[0]
+    near = logs_near(np.array([peak.log_ratio]))[0]
     q, r = pairs(near, np.full(3, tau)) * concentrated(data, near, np.full(3, tau))[1] * data.scale * data.scale
     shape = r if r.all() else np.ones(3)  # without noise the errors do not depend on it
     place, curvature = np.array([peak.log_ratio]), np.array([peak.curvature])
-    (q_error,), (r_error,) = methods.relative_errors(place, curvature, shape[None], data.m)
+    (q_error,), (r_error,) = relative_errors(place, curvature, shape[None], data.m)
     errors = [value[0] * error if value[0] > 0.0 else math.inf for value, error in ((q, q_error), (r, r_error))]
     return _fit_of(peak, tau, float(q[0]), float(r[0]), *map(float, errors))
 
@@ -467,7 +470,7 @@ def _better_prediction(data: Differences, plain: Estimate, top: Top, progress: P
         others = data.parts([(0, part[0]), (part[1], len(z))])
         if others.d.any():
             now = progress.part(i / FOLDS, (i + 1) / FOLDS)
-            pair = methods.fit_near(others, float(plain.ratio), now.part(0.0, 0.2))
+            pair = fit_near(others, float(plain.ratio), now.part(0.0, 0.2))
             log_tau, log_moves = search_near(others, top, now.part(0.2, 0.9)).at.tolist()
             now(0.9, "prediction of unseen samples")
             tau = momentum_of(log_tau)

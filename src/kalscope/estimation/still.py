@@ -16,9 +16,8 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import ArrayLike, NDArray
 
 from kalscope.common.numbers import Array
-from kalscope.common.progress import Progress
-from kalscope.estimation import kernels, methods
-from kalscope.estimation.likelihood import differences
+from kalscope.estimation import kernels
+from kalscope.estimation.likelihood import differences, fit_maximum_likelihood, search_records
 from kalscope.estimation.noise import resolution_of
 from kalscope.filtering.filter import filter_pieces
 from kalscope.filtering.params import FilterParams, one_record
@@ -228,7 +227,7 @@ def _surprise(column: Array, steps: Array, good: NDArray[np.intp]) -> Array:
     data = differences(z, steps)
     if not data.d.any():
         return np.zeros(len(good))
-    pair = methods.fit_maximum_likelihood(data, methods.search(data, Progress()))
+    pair = fit_maximum_likelihood(data, search_records(data.records).one())
     scale = data.scale * data.scale
     params = FilterParams(q=pair.q * scale, r=pair.r * scale)
     del data

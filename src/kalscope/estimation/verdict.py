@@ -11,8 +11,8 @@ from numpy.typing import ArrayLike
 
 from kalscope.common.numbers import Array
 from kalscope.common.progress import Progress
+from kalscope.common.text import correlation, decibels, number, percent, plural, trimmed
 from kalscope.common.text import count as whole
-from kalscope.common.text import decibels, number, percent, plural, trimmed
 from kalscope.estimation.kernels import MIN_SAMPLES
 from kalscope.estimation.likelihood import Differences, Peak, differences, loglik_of
 from kalscope.estimation.result import USABLE, Estimate, Pair
@@ -254,6 +254,33 @@ def _judge(pair: Pair, peak: Peak) -> tuple[str, str]:
         elif low == 0.0:
             message += " The record does not exclude q = 0: record longer to be sure of q."
     return pair.verdict or verdict, message
+
+
+def note_on_differences(data: Differences) -> str:
+    """How the differences of neighbouring samples contradict the model; "" where they do not."""
+    m = data.m
+    g0, g1, g2 = _products(data)
+    if m < 20 or g0 == 0.0:
+        return ""
+    r1, r2 = g1 / g0, g2 / g0
+    if r1 > 3.0 / math.sqrt(m):
+        return (
+            f"Successive changes have the same sign (correlation {correlation(r1)}; a random walk plus noise has 0 "
+            "or less): the signal moves smoothly, or the sensor already smooths it."
+        )
+    if r1 < -0.5 - 3.0 / math.sqrt(m):
+        return f"Successive changes alternate (correlation {correlation(r1)}, below −0.5): an oscillation or hum."
+    if abs(r2) > 4.0 * math.sqrt((1.0 + 2.0 * r1**2) / m) + 0.02:
+        return (
+            f"Changes two samples apart are correlated ({correlation(r2)}): a trend, an oscillation or slow noise."
+        )
+    return ""
+
+
+def _products(data: Differences) -> list[float]:
+    """Mean products of differences 0, 1 and 2 apart, scale²."""
+    d, m = data.d, data.m  # BLAS would start threads for it
+    return [float(np.einsum("i,i", d[j:], d[: m - j])) / (m - j) if j < m else 0.0 for j in range(3)]
 
 
 def _loglik(data: Differences, pair: Pair) -> float:
