@@ -8,6 +8,7 @@ import pytest
 from kalscope import BadSetting, tune
 from kalscope.estimation.hum import find_line, notch_for
 from kalscope.estimation.request import Request, find_parameters
+from kalscope.filtering.steady import steady_state
 
 RNG = np.random.default_rng(8)
 
@@ -77,3 +78,17 @@ def test_q_and_r_are_found_behind_the_notch_as_without_the_hum():
 def test_a_notch_that_cannot_be_is_refused(period, says):
     with pytest.raises(BadSetting, match=says):
         notch_for(np.zeros(10), None, 50.0, period)
+
+
+def test_the_lag_of_a_notch_is_part_of_the_goal():
+    z = record(0.2)
+    found = find_parameters(z, Request(target={"lag_s": 0.05}, notch=50.0), sample_period=0.004)
+    lag = found.chain.notch.lag + steady_state(found.params).lag_samples
+    assert lag == pytest.approx(0.05 / 0.004, rel=1e-6)
+    assert found.how == found.request.goal == "a lag of 50 ms"
+    for request, says in (
+        (Request(target={"lag_samples": 0.05}, notch=50.0), "the notch has nearly that much"),
+        (Request(two_speeds=True, notch="auto"), "two speeds run without a notch"),
+    ):
+        with pytest.raises(BadSetting, match=says):
+            find_parameters(z, request, sample_period=0.004)

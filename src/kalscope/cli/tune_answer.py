@@ -201,7 +201,7 @@ def answer_for(
     still = find_still_stretch(z, dt) if needs_noise(result.estimate) else None
     judgement = judge(residuals, held_out, result.estimate, result.request, still, unit)
     one = result.params
-    if not request.goal and judgement.tone != "good" and one.fast is None:
+    if not request.goal and judgement.tone != "good" and one.fast is None and result.chain is None:
         best = estimate(z, dt=dt, robust=request.robust)
         judgement = with_two_speeds(judgement, clear_two_speeds(best, z, np.empty(0) if dt is None else dt))
     if _without(request) and not request.goal and not one.momentum:

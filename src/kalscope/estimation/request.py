@@ -241,15 +241,8 @@ def find_parameters(
     """
     request = replace(request or Request(), setting="")  # of an earlier answer
     if request.notch is not None:
-        notch, text = notch_for(z, dt, request.notch, sample_period)
-        rest = replace(request, notch=None)
-        behind = z if notch is None else behind_notch(z, notch)
-        found = find_parameters(
-            behind, rest, dt=dt, sample_period=sample_period, progress=progress, cancelled=cancelled
-        )
-        chain = None if notch is None else Chain(notch=notch)
-        return replace(found, message=f"{text} {found.message}", chain=chain)
-    tau, known, ratio = request.checked_momentum(), request.noise.resolve(z, dt), request.ratio
+        return _behind_notch(z, request, request.notch, dt, sample_period, progress, cancelled)
+    tau, known = request.checked_momentum(), request.noise.resolve(z, dt)
     if not request.goal:
         if known is None:
             begun = _fitted(z, dt, request, progress, cancelled)
@@ -259,7 +252,9 @@ def find_parameters(
             begun = FitResult(one.params, how, known[1], one, request)
         return _answer(z, dt, sample_period, begun)
     origin = f", r {request.noise.origin}" if known else ""
-    if ratio is None:
+    if request.ratio is not None:
+        result = _at_ratio(z, dt, request, request.ratio, known)
+    else:
         at_target = partial(
             params_for_specification,
             **request.target,
@@ -275,18 +270,64 @@ def find_parameters(
         keeps = f" with a momentum of {plural(params.momentum, 'sample')}" if params.momentum else ""
         text = f"q/r = {number(params.ratio, 4)}{keeps} has {request.goal}. {text}"
         result = FitResult(params, f"{request.goal}{origin}", text, request=request)
-    else:
-        if known:
-            params, text, one = FilterParams(q=ratio * known[0], r=known[0]), f"q = {ratio:g} · r. {known[1]}", None
-            how = f"q/r = {ratio:g}{origin}"
-        else:
-            one = estimate_fixed_ratio(z, ratio, dt, request.robust)
-            params, how, text = one.params, f"q/r = {ratio:g}, r by maximum likelihood", one.message
-            params = params or FilterParams(q=ratio * (r := noise_scale(z)), r=r)
-        result = FitResult(params, how, text, one, request)
     if result.params is not None:
         _check_lag(result.params, len(z), sample_period)
     return result
+
+
+def _behind_notch(
+    z: Array,
+    request: Request,
+    hertz: float | Literal["auto"],
+    dt: Array | None,
+    sample_period: float | None,
+    progress: Callable[[float, str], None] | None,
+    cancelled: Callable[[], bool] | None,
+) -> FitResult:
+    """The answer for what a notch passes."""
+    if request.two_speeds:
+        raise BadSetting("two speeds run without a notch: leave out one of them")
+    notch, text = notch_for(z, dt, hertz, sample_period)
+    request = replace(request, notch=None)
+    rest = request if notch is None else _less_lag(request, notch.lag, sample_period)
+    behind = z if notch is None else behind_notch(z, notch)
+    found = find_parameters(
+        behind, rest, dt=dt, sample_period=sample_period, progress=progress, cancelled=cancelled
+    )
+    if notch is not None and rest.target != request.target:
+        text = f"{text} Its lag of {lag_text(notch.lag, sample_period)} is part of the goal."
+        found = replace(found, how=found.how.replace(rest.goal, request.goal), request=request)
+    chain = None if notch is None else Chain(notch=notch)
+    return replace(found, message=f"{text} {found.message}", chain=chain)
+
+
+def _less_lag(request: Request, lag: float, sample_period: float | None) -> Request:
+    """The request of what comes after a filter of this lag in samples.
+
+    Raises:
+        BadSetting: the target is a lag that leaves nothing for it.
+    """
+    ((name, value),) = request.target.items() or [("", 0.0)]
+    if name not in ("lag_s", "lag_samples"):
+        return request
+    unit = sample_period or 1.0 if name == "lag_s" else 1.0
+    if value < (lag + MIN_LAG) * unit:
+        least, got = lag_text(lag + MIN_LAG, sample_period), request.goal
+        raise BadSetting(f"the lag must be {least} or more, as the notch has nearly that much (got {got})")
+    return replace(request, target={name: value - lag * unit})
+
+
+def _at_ratio(
+    z: Array, dt: Array | None, request: Request, ratio: float, known: tuple[float, str] | None
+) -> FitResult:
+    """The filter of a chosen λ, with the known r or the most likely one."""
+    if known:
+        text = f"q = {ratio:g} · r. {known[1]}"
+        how = f"q/r = {ratio:g}, r {request.noise.origin}"
+        return FitResult(FilterParams(q=ratio * known[0], r=known[0]), how, text, request=request)
+    one = estimate_fixed_ratio(z, ratio, dt, request.robust)
+    params = one.params or FilterParams(q=ratio * (r := noise_scale(z)), r=r)
+    return FitResult(params, f"q/r = {ratio:g}, r by maximum likelihood", one.message, one, request)
 
 
 def starting_params(z: ArrayLike, dt: ArrayLike | None = None) -> FilterParams:

@@ -135,7 +135,7 @@ TARGETS = MappingProxyType(
 """The targets, by name."""
 
 _NEEDS = (
-    ("chain", "a median and classic filters", "use the Kalman filter alone in every channel"),
+    ("chain", "a median, a notch and classic filters", "use the Kalman filter alone in every channel"),
     ("momentum", "momentum", "set the momentum to 0"),
     ("two_speeds", "two speeds, which no single q and r replace", "fit one speed"),
 )

@@ -319,7 +319,7 @@ TEMP = ChannelTuning("temp", "V", 0.01, 0.25)
     ("target", "changed", "words"),
     [
         ("esphome", {"momentum": 20.0}, "momentum .got esphome.: choose arduino, c,"),
-        ("esphome", {"chain": Chain(5)}, "a median and classic filters .got esphome"),
+        ("esphome", {"chain": Chain(5)}, "a median, a notch and classic filters .got esphome"),
         ("matlab", {"chain": Chain(1, Exponential(0.125))}, "choose arduino, c, python, json"),
         ("javascript", {"chain": Chain(5)}, "or use the Kalman filter alone"),
     ],
