@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-import functools
 import math
+from importlib.resources import files
+from itertools import product
 
 import numpy as np
 import pytest
@@ -17,22 +18,12 @@ from kalscope.estimation.fit import estimate, estimate_fixed_r, estimate_fixed_r
 from kalscope.estimation.likelihood import log_likelihood
 from kalscope.estimation.momentum import likelihood_profile
 
-five_lines = functools.partial(estimate, momentum=0.0)
 
-
-UNEMPLOYMENT = """5.8 5.1 5.3 5.6 5.2 5.2 5.6 6.3 6.8 7 6.8 6.2 5.6 5.5 5.6 5.5 5.8 5.7 5.5 5.6 5.5 5.2 5 5 4.9 4.7
-    4.4 4.1 3.9 3.8 3.8 3.7 3.8 3.8 3.8 3.9 3.7 3.5 3.5 3.4 3.4 3.4 3.6 3.6 4.2 4.8 5.2 5.8 5.9 5.9 6 6
-    5.8 5.7 5.6 5.3 5 4.9 4.8 4.8 5.1 5.2 5.6 6.6 8.2 8.9 8.5 8.3 7.7 7.6 7.7 7.8 7.5 7.1 6.9 6.6 6.3 6
-    6 5.9 5.9 5.7 5.9 5.9 6.3 7.3 7.7 7.4 7.4 7.4 7.4 8.2 8.8 9.4 9.9 10.7 10.4 10.1 9.4 8.5 7.9 7.5 7.4
-    7.3 7.3 7.3 7.2 7 7 7.2 7 6.8 6.6 6.3 6 5.9 5.7 5.5 5.5 5.3 5.2 5.2 5.3 5.4 5.3 5.3 5.7 6.1 6.6 6.8
-    6.9 7.1 7.4 7.6 7.6 7.4 7.2 7.1 6.8 6.6 6.6 6.2 6 5.6 5.5 5.7 5.7 5.6 5.5 5.5 5.3 5.3 5.2 5 4.9 4.7
-    4.6 4.4 4.5 4.4 4.3 4.3 4.2 4.1 4 3.9 4 3.9 4.2 4.4 4.8 5.5 5.7 5.8 5.7 5.8 5.9 6.2 6.1 5.8 5.7 5.6
-    5.4 5.4 5.3 5.1 5 4.9 4.7 4.7 4.7 4.4 4.5 4.5 4.7 4.8 4.9 5.4 6 6.9 8.1 9.2 9.6"""
-"""US unemployment, %, quarterly 1959-2009: `unemp` of statsmodels' macrodata (public domain)."""
-
-
-def numbers(text):
-    return np.array(text.split(), dtype=float)
+@pytest.fixture(scope="module")
+def unemployment():
+    """US unemployment, %, quarterly 1959-2009 (public domain)."""
+    table = files("statsmodels") / "datasets/macrodata/macrodata.csv"
+    return np.genfromtxt(str(table), delimiter=",", names=True)["unemp"]
 
 
 # --- published tables -----------------------------------------------------------------------------------
@@ -42,8 +33,7 @@ def test_nile(nile):
     """15099, 1469.1 (Durbin & Koopman 2012, p. 37); 15098.52, 1469.18, −632.5456 (KFAS, by several hands)."""
     found = estimate(nile)
     assert (round(found.r, 2), round(found.q, 2), round(found.loglik, 4)) == (15098.52, 1469.18, -632.5456)
-    assert found.verdict == "ok"
-    assert found.params == FilterParams(q=found.q, r=found.r)
+    assert (found.verdict, found.params) == ("ok", FilterParams(q=found.q, r=found.r))
 
 
 def test_nile_interval_and_standard_error(nile):
@@ -94,28 +84,23 @@ def test_norwegian_fatalities(norway):
     assert round(found.loglik / 34, 7) == 0.8468622
 
 
-def test_unemployment_is_the_published_boundary_case():
+def test_unemployment_is_the_published_boundary_case(unemployment):
     """KFAS comes to r = 4.26e-6 and −70.97243; at r = 0 exactly q = 0.1182174646 and −70.96771641."""
-    found = five_lines(numbers(UNEMPLOYMENT))
-    assert found.verdict == "no_noise"
-    assert found.r == 0.0
+    found = estimate(unemployment, momentum=0.0)
+    assert (found.verdict, found.r, found.params) == ("no_noise", 0.0, None)
     assert found.q == pytest.approx(0.1182174646, rel=1e-5)
     assert round(found.loglik, 8) == -70.96771641
-    assert found.params is None
 
 
 # --- the unit ------------------------------------------------------------------------------------------
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["nile", "gappy", "short", "unemployment"])
-def test_another_unit_gives_the_same_answer(nile, name):
-    """statsmodels 0.15 gives (17040, 10156) for s = 1e3 with converged=True."""
+def test_another_unit_gives_the_same_answer(nile, unemployment):
+    """statsmodels 0.15 gives (17040, 10156) for the Nile and s = 1e3 with converged=True."""
     gappy, short = walk(300, 0.02, missing=0.2), walk(40, 1.0)
-    z = {"nile": nile, "gappy": gappy, "short": short, "unemployment": numbers(UNEMPLOYMENT)}[name]
-    one = estimate(z)
-    for s in (1e-9, 0.3e9):
-        other = estimate(z * s)
+    for z, s in product((nile, gappy, short, unemployment), (1e-9, 0.3e9)):
+        one, other = estimate(z), estimate(z * s)
         assert other.q == pytest.approx(one.q * s * s, rel=1e-6)
         assert other.r == pytest.approx(one.r * s * s, rel=1e-6)
         assert other.ratio_interval == pytest.approx(one.ratio_interval, rel=1e-6)
@@ -123,14 +108,6 @@ def test_another_unit_gives_the_same_answer(nile, name):
         assert other.resolution == pytest.approx(one.resolution * s)
         if not one.resolution:  # else it names the step
             assert other.message == one.message
-
-
-@pytest.mark.parametrize("s", [1e-200, 1e200, 1e300])
-def test_a_unit_in_which_variances_do_not_fit_a_double_is_named(nile, s):
-    found = estimate(nile * s)
-    assert found.verdict == "bad_unit"
-    assert found.params is None
-    assert "unit" in found.message
 
 
 # --- irregular sampling ----------------------------------------------------------------------------------
@@ -154,7 +131,7 @@ def test_the_interval_covers_the_truth_in_95_of_100_records(ratio):
     hits = 0
     for _ in range(200):
         z = np.cumsum(g.normal(0, math.sqrt(ratio), 300)) + g.normal(0, 1, 300)
-        low, high = five_lines(z).ratio_interval
+        low, high = estimate(z, momentum=0.0).ratio_interval
         hits += low <= ratio <= high
     assert 0.92 <= hits / 200 <= 0.98
 
@@ -163,7 +140,7 @@ def test_the_interval_covers_the_truth_in_95_of_100_records(ratio):
 def test_a_signal_that_does_not_move_is_told_so_in_about_65_of_100_records():
     """The pile-up at zero: Shephard & Harvey (1990); 63–66 % with the diffuse start."""
     g = np.random.default_rng(3)
-    found = [five_lines(g.normal(0, 1, 300)) for _ in range(200)]
+    found = [estimate(g.normal(0, 1, 300), momentum=0.0) for _ in range(200)]
     still = [one for one in found if one.verdict == "no_movement"]
     assert len(still) / 200 == pytest.approx(0.65, abs=0.06)
     assert all(one.q == 0.0 and one.ratio_interval[0] == 0.0 and one.params is None for one in still)
@@ -177,10 +154,8 @@ def test_a_signal_that_does_not_move_is_told_so_in_about_65_of_100_records():
     ("z", "verdict"),
     [
         ([], "too_few"),
-        ([1.0], "too_few"),
         ([np.nan] * 30, "too_few"),
         ([1.0, 2.0, np.nan, 3.0, 1.0, 2.0, 1.0, 1.5], "too_few"),
-        ([3.0] * 20, "constant"),
         ([0.0] * 20, "constant"),
         ([1.0, 2.0, 1.0, 3.0, 1.0, 2.5, 1.0, 3.5], "no_movement"),
         ([0.0] * 20 + [1.0], "no_noise"),
@@ -191,20 +166,9 @@ def test_a_signal_that_does_not_move_is_told_so_in_about_65_of_100_records():
 )
 def test_poor_records_get_a_verdict_and_no_parameters(z, verdict):
     found = estimate(z)
-    assert found.verdict == verdict
-    assert found.params is None
-    assert found.message.endswith(".")
+    assert (found.verdict, found.params, found.message[-1]) == (verdict, None, ".")
+    assert verdict != "bad_unit" or "unit" in found.message
     assert not np.isnan([found.q, found.r, found.ratio, found.loglik, *found.ratio_interval]).any()
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("ratio", [0.05, 0.5, 5.0])
-def test_it_recovers_the_truth_from_a_long_record(ratio):
-    found = estimate(walk(60_000, ratio, seed=11, r=4.0))
-    assert found.q == pytest.approx(4.0 * ratio, rel=0.12)
-    assert found.r == pytest.approx(4.0, rel=0.12)
-    assert abs(found.q - 4.0 * ratio) < 5 * found.q_se
-    assert abs(found.r - 4.0) < 5 * found.r_se
 
 
 # --- any record -----------------------------------------------------------------------------------------
@@ -227,37 +191,22 @@ def records(draw):
 @given(records())
 def test_any_record_gets_numbers_and_words(record):
     z, dt = record
-    each = [
-        estimate(z, dt, momentum=0.0, robust=False),
-        estimate(z, dt, momentum=0.0),
-        estimate(z, robust=True),
-    ]
+    each = [estimate(z, dt, momentum=0.0, robust=False), estimate(z, dt, momentum=0.0), estimate(z, robust=True)]
     for one in (*each, estimate_fixed_r(z, 1.0, dt), estimate_fixed_ratio(z, 0.01, dt)):
         values = [one.q, one.r, one.ratio, one.loglik, one.q_se, one.r_se]
         values += [*one.ratio_interval, *one.gain_interval, *one.lag_interval]
         assert not np.isnan(values).any()
         assert one.message.endswith(".")
-        if one.params is not None:
-            assert one.q > 0
-            assert one.r > 0
+        assert one.params is None or min(one.q, one.r) > 0
 
 
 # --- manners --------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    ("z", "options"),
-    [
-        ([1.0, np.inf, 2.0], {}),
-        ([1.0, 2.0], {"dt": [1.0]}),
-        ([1.0, 2.0], {"dt": [1.0, -1.0]}),
-        ([1.0, 2.0], {"robust": "yes"}),
-        (np.ones((2, 2, 2)), {}),
-    ],
-)
-def test_bad_settings_are_refused(z, options):
+@pytest.mark.parametrize("options", [{}, {"dt": [1.0]}, {"dt": [1.0, -1.0]}, {"robust": "yes"}])
+def test_bad_settings_are_refused(options):
     with pytest.raises(BadSetting):
-        estimate(z, **options)
+        estimate([1.0, 2.0] if options else [1.0, np.inf, 2.0], **options)
 
 
 # --- one of the two is fixed ----------------------------------------------------------------------------

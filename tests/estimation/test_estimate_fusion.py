@@ -10,10 +10,12 @@ import pytest
 from tests.support.effort import FUZZ
 from tests.support.signals import moving
 
-from kalscope import BadSetting, FilterParams, estimate, estimate_fusion, fuse, judge_fusion
+from kalscope import BadSetting, estimate, estimate_fusion, fuse, judge_fusion
 from kalscope.errors import Cancelled
 from kalscope.estimation.fusion import held_for
 from kalscope.estimation.likelihood import DROP
+
+pytestmark = pytest.mark.slow
 
 PLAIN = {"momentum": 0.0, "robust": False}
 
@@ -26,10 +28,9 @@ def record(n=400, seed=3, q=0.1, r=(0.25, 1.0, 2.0), offset=(1.0, -3.0, 2.0), mi
     return z
 
 
-@pytest.mark.parametrize("missing", [0.0, 0.3])
 @pytest.mark.parametrize("momentum", ["auto", 0.0, 20.0])
-def test_one_sensor_is_estimated_as_estimate_does(momentum, missing):
-    z = record(missing=missing)[:, :1]
+def test_one_sensor_is_estimated_as_estimate_does(momentum):
+    z = record(missing=0.3)[:, :1]
     dt = np.random.default_rng(1).choice([1.0, 2.0], len(z))
     found, one = estimate_fusion(z, dt=dt, momentum=momentum), estimate(z[:, 0], dt=dt, momentum=momentum)
     assert found.q == pytest.approx(one.q, rel=1e-6)
@@ -38,35 +39,17 @@ def test_one_sensor_is_estimated_as_estimate_does(momentum, missing):
     assert found.loglik == pytest.approx(one.loglik, rel=1e-9)
 
 
-@pytest.mark.slow
-def test_the_likelihood_is_that_of_the_filter_and_not_below_the_truth():
-    truth = FilterParams(q=0.1, r=[0.25, 1.0, 2.0], offset=[1.0, -3.0, 2.0])
-    for seed in range(6):
-        z = record(n=200, seed=seed, missing=0.2)
-        found = estimate_fusion(z, **PLAIN)
-        assert found.verdict == "ok"
-        assert found.params is not None
-        assert found.loglik == pytest.approx(fuse(z, found.params).loglik, rel=1e-12)
-        assert found.loglik >= fuse(z, truth).loglik
-
-
-@pytest.mark.parametrize("factor", [1e-6, 1000.0, -3.0])
-def test_another_unit_changes_the_numbers_only(factor):
-    z = record(missing=0.2)
-    one, other = estimate_fusion(z, **PLAIN), estimate_fusion(z * factor, **PLAIN)
-    for name, power in (("q", 2), ("r", 2), ("r_interval", 2), ("q_interval", 2), ("offset", 1)):
-        expected = np.asarray(getattr(one, name)) * factor**power
+@pytest.mark.parametrize("factor", [1e-6, -3.0])
+def test_another_unit_and_another_order_of_the_sensors_change_the_numbers_only(factor):
+    z, order = record(missing=0.2), [2, 0, 1]
+    one, other = estimate_fusion(z, **PLAIN), estimate_fusion(z[:, order] * factor, **PLAIN)
+    for name, power in (("r", 2), ("r_interval", 2), ("offset", 1)):
+        expected = getattr(one, name)[order] * factor**power
         assert getattr(other, name) == pytest.approx(expected, rel=2e-3 if "interval" in name else 1e-6)
-
-
-def test_the_order_of_the_sensors_does_not_matter():
-    z = record(missing=0.2)
-    order = [2, 0, 1]
-    one, other = estimate_fusion(z, **PLAIN), estimate_fusion(z[:, order], **PLAIN)
-    assert other.q == pytest.approx(one.q, rel=1e-8)
-    assert other.r == pytest.approx(one.r[order], rel=1e-8)
-    assert other.offset == pytest.approx(one.offset[order], abs=1e-8)
-    assert other.offset_interval == pytest.approx(one.offset_interval[order], abs=1e-7)
+    assert (other.q, other.q_interval) == (
+        pytest.approx(one.q * factor**2, rel=1e-6),
+        pytest.approx(np.multiply(one.q_interval, factor**2), rel=2e-3),
+    )
 
 
 def test_a_reference_is_right_and_without_one_the_offsets_add_up_to_nothing():
@@ -92,35 +75,28 @@ def test_the_likelihood_falls_by_the_same_at_both_ends_of_an_interval():
             assert found.loglik - there.loglik == pytest.approx(DROP, abs=2e-3)
 
 
-@pytest.mark.slow
 def test_intervals_hold_the_truth_about_as_often_as_they_say():
     held = np.zeros((2, 3))
-    for seed in range(40):
+    for seed in range(24):
         found = estimate_fusion(record(n=100, seed=100 + seed), **PLAIN)
         low, high = found.r_interval.T
         held[0] += (low <= [0.25, 1.0, 2.0]) & (high >= [0.25, 1.0, 2.0])
         low, high = found.offset_interval.T
         held[1] += (low <= [1.0, -3.0, 2.0]) & (high >= [1.0, -3.0, 2.0])
-    assert np.all(held.sum(axis=1) / 120.0 > 0.90)
-    assert np.all(held.sum(axis=1) / 120.0 < 0.99)
+    assert np.all(np.abs(held.sum(axis=1) / 72.0 - 0.945) < 0.045)
 
 
-@pytest.mark.slow
 def test_gains_are_found_where_they_are_asked_for():
     z = 5.0 + (record(n=1500, q=0.5) - 20.0) * [1.0, 2.0, -0.5]
     named = estimate_fusion(z, gains=True, reference=0, **PLAIN)
     assert named.gain == pytest.approx([1.0, 2.0, -0.5], rel=0.03)
-    assert np.all(
-        (named.sensor_gain_interval[:, 0] <= [1.0, 2.0, -0.5])
-        & (named.sensor_gain_interval[:, 1] >= [1.0, 2.0, -0.5])
-    )
+    low, high = named.sensor_gain_interval.T
+    assert np.all((low <= [1.0, 2.0, -0.5]) & (high >= [1.0, 2.0, -0.5]))
     assert named.r == pytest.approx([0.25, 4.0, 0.5], rel=0.2)
     free = estimate_fusion(z, gains=True, **PLAIN)
     assert np.prod(np.abs(free.gain)) == pytest.approx(1.0)
     assert free.gain / free.gain[0] == pytest.approx(named.gain, rel=1e-6)
     assert free.loglik == pytest.approx(named.loglik, rel=1e-9)
-    assert free.params is not None
-    assert free.loglik == pytest.approx(fuse(z, free.params).loglik, rel=1e-9)
 
 
 def test_a_pair_of_opposite_signs_keeps_its_offsets_near_its_readings():
@@ -133,7 +109,6 @@ def test_a_pair_of_opposite_signs_keeps_its_offsets_near_its_readings():
     assert "sum, each with the sign of its gain, is 0, and the gains so that their sizes" in found.notes[0]
 
 
-@pytest.mark.slow
 def test_statsmodels_finds_the_same_maximum():
     from statsmodels.tsa.statespace.mlemodel import MLEModel
 
@@ -157,6 +132,7 @@ def test_statsmodels_finds_the_same_maximum():
     ours = estimate_fusion(z, reference=0, **PLAIN)
     assert np.exp(theirs[:3]) == pytest.approx([ours.q, *ours.r], rel=2e-3)
     assert theirs[3] == pytest.approx(ours.offset[1], abs=1e-3)
+    assert ours.loglik == pytest.approx(fuse(z, ours.params).loglik, rel=1e-12)
 
 
 def test_a_slower_sensor_is_a_sensor_with_gaps():
@@ -174,26 +150,21 @@ def test_a_slower_sensor_is_a_sensor_with_gaps():
 
 def test_what_does_not_fit_is_refused():
     z = record(n=20)
-    for wrong, words in (
-        ({"reference": 3}, "reference must be"),
-        ({"reference": "x"}, "reference must be"),
-        ({"known_r": [1.0, 2.0]}, "known_r must be"),
-        ({"known_r": [0.0, 1.0, 1.0]}, "known_r must be"),
-        ({"known_r": ["4", "x", 1.0]}, "known_r must be"),
-        ({"names": ["a", "a", "b"]}, "names must be"),
-        ({"momentum": -1.0}, "momentum must be"),
-        ({"robust": "yes"}, "robust must be"),
-        ({"dt": np.ones(3)}, "dt must have"),
+    known = ([1.0, 2.0], [0.0, 1.0, 1.0], ["4", "x", 1.0])
+    wrong = [*(("reference", one) for one in (3, "x")), *(("known_r", one) for one in known)]
+    for name, value in (
+        *wrong,
+        ("names", ["a", "a", "b"]),
+        ("momentum", -1.0),
+        ("robust", "yes"),
+        ("dt", np.ones(3)),
     ):
-        with pytest.raises(BadSetting, match=words):
-            estimate_fusion(z, **wrong)
+        with pytest.raises(BadSetting, match=f"{name} must "):
+            estimate_fusion(z, **{name: value})
     with pytest.raises(BadSetting, match="finite"):
         estimate_fusion(np.where(z > 20.0, np.inf, z))
     with pytest.raises(Cancelled):
         estimate_fusion(z, cancelled=lambda: True)
-
-
-PLAIN = {"momentum": 0.0, "robust": False}
 
 
 def walk(n=1500, seed=1, q=0.1):
@@ -209,14 +180,10 @@ def said(found, words):
 
 
 def test_r_at_nought_gives_a_filter_with_the_largest_that_the_record_allows():
-    for seed in range(20):
-        x = walk(n=60, seed=seed, q=4.0)
-        found = estimate_fusion(np.stack([x, x + noise(1.0, n=60, seed=seed)[:, 0]], 1), **PLAIN)
-        if found.verdict == "no_noise":
-            break
+    x = walk(n=60, q=4.0)
+    found = estimate_fusion(np.stack([x, x + noise(1.0, n=60)[:, 0]], 1), **PLAIN)
     assert found.verdict == "no_noise"
     assert found.r[0] == 0.0
-    assert found.params is not None
     assert found.params.r[0] == found.r_interval[0, 1] > 0.0
     assert "No noise can be identified in sensor 1" in found.message
 
@@ -242,9 +209,7 @@ def test_rounding_is_the_least_noise():
 )
 def test_where_there_is_nothing_to_fit_the_sensor_is_named(z, verdict, words):
     found = estimate_fusion(z)
-    assert found.verdict == verdict
-    assert words in found.message
-    assert found.params is None
+    assert (found.verdict, found.params, words in found.message) == (verdict, None, True)
     assert np.isfinite(found.r).all()
 
 
@@ -259,7 +224,6 @@ def test_readings_that_a_logger_repeats_are_noticed_but_not_those_of_a_coarse_se
     assert held_for(ramp) == held_for(z[:, 1]) == 1
 
 
-@pytest.mark.slow
 def test_a_drifting_offset_is_noticed():
     z = walk()[:, None] + noise(0.5, 0.5, 0.5)
     assert not said(estimate_fusion(z, **PLAIN), "changes slowly")
@@ -267,7 +231,6 @@ def test_a_drifting_offset_is_noticed():
     assert said(estimate_fusion(z, names=["a", "b", "c"], **PLAIN), "fused value and b changes slowly")
 
 
-@pytest.mark.slow
 def test_spikes_of_each_sensor_are_set_aside_but_not_what_all_see():
     z = walk()[:, None] + noise(1.0, 2.0)
     rng = np.random.default_rng(5)
@@ -276,9 +239,8 @@ def test_spikes_of_each_sensor_are_set_aside_but_not_what_all_see():
     found = estimate_fusion(z, momentum=0.0)
     assert set(rows) <= set(found.spikes[0])
     assert len(found.spikes[1]) < 3
-    assert found.r == pytest.approx([1.0, 4.0], rel=0.15)
-    assert found.params is not None
     assert found.params.gate == 16.0
+    assert found.r == pytest.approx([1.0, 4.0], rel=0.15)
     assert said(found, "set aside")
     assert estimate_fusion(z, **PLAIN).r[0] > 10.0
     away = z.copy()
@@ -290,20 +252,13 @@ def test_spikes_of_each_sensor_are_set_aside_but_not_what_all_see():
     assert not np.intersect1d(estimate_fusion(both, momentum=0.0).spikes[0], rows).size
 
 
-@pytest.mark.slow
 def test_momentum_is_found_by_the_rule_of_one_signal():
     z = moving(1500, 12.0, 6.0, r=0.0, seed=8)[:, None] + noise(1.0, 2.0)
     found = estimate_fusion(z)
     assert 8.0 < found.momentum < 18.0
     assert found.r == pytest.approx([1.0, 4.0], rel=0.15)
     assert said(found, "keeps its direction")
-    assert found.loglik > estimate_fusion(z, momentum=0.0).loglik
-    one, alone = estimate_fusion(z[:, :1]), estimate(z[:, 0])
-    assert one.momentum == pytest.approx(alone.momentum, rel=1e-5)
-    assert one.r[0] == pytest.approx(alone.r, rel=1e-6)
-    given = estimate_fusion(z, momentum=30.0)
-    assert given.momentum == 30.0
-    assert given.loglik < found.loglik
+    assert found.loglik > estimate_fusion(z, momentum=30.0).loglik > estimate_fusion(z, momentum=0.0).loglik
     assert estimate_fusion(walk(400)[:, None] + noise(1.0, 2.0, n=400)).momentum == 0.0
 
 
@@ -331,27 +286,25 @@ def sensors(seed, r, *, correlation=0.0, n=500, q=0.01, tau=0.0, missing=0.0):
     return z
 
 
-@pytest.mark.slow
 def test_two_sensors_that_share_noise_are_named():
     found = 0
-    for seed in range(12 * FUZZ):
+    for seed in range(6 * FUZZ):
         r, q = ([1, 1, 0.5], [1, 4, 1], [1, 1, 0.1], [4, 1, 1, 1])[seed % 4], (1e-3, 0.1, 1.0)[seed % 3]
         shared = estimate_fusion(sensors(seed, r, correlation=0.5, q=q), momentum=0.0, robust=False).shared
         found += shared is not None and shared.sensors == (0, 1) and abs(shared.correlation - 0.5) < 0.2
-    assert found >= 0.95 * 12 * FUZZ
+    assert found >= 0.95 * 6 * FUZZ
 
 
-@pytest.mark.slow
 def test_independent_sensors_share_nothing():
     false = 0
-    for seed in range(15 * FUZZ):
+    for seed in range(8 * FUZZ):
         g = np.random.default_rng(seed)
         r = 10.0 ** g.uniform(-1.5, 1.5, 2 + seed % 3)
         options = ({"q": 0.0}, {"tau": 8.0, "q": 0.1}, {"missing": 0.3}, {"q": 1.0}, {})[seed % 5]
         z = sensors(seed, r, n=int(g.choice([100, 500, 2000])), **options)
         found = estimate_fusion(z, momentum="auto" if "tau" in options else 0.0, robust=False)
         false += found.shared is not None or found.verdict == "shared_noise"
-    assert false <= 0.01 * 15 * FUZZ
+    assert false <= 0.01 * 8 * FUZZ
 
 
 @pytest.mark.parametrize("r", [[1.0, 1.0, 0.5], [1.0, 1.0, 4.0]])
@@ -360,7 +313,6 @@ def test_no_sentence_promises_what_shared_noise_takes_away(r):
     found = estimate_fusion(z, momentum=0.0, robust=False)
     assert found.verdict == "shared_noise"
     assert found.message.startswith("sensor 1 and sensor 2 share noise (correlation 0.9")
-    assert found.params is not None
     for judged in (judge_fusion(z, found), judge_fusion(z, found.params)):
         assert "sensor 1 and sensor 2 share noise (correlation 0.9" in judged.headline
         assert "less than the best" not in " ".join(judged.sentences)

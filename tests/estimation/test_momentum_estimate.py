@@ -62,13 +62,13 @@ def test_the_interval_ends_where_twice_the_likelihood_is_3_84_lower(record):
 # --- laws -----------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("s", [1e-9, 0.3, 1e6])
+@pytest.mark.parametrize("s", [1e-9, 1e6])
 def test_another_unit_gives_the_same_answer(record, s):
     one, other = estimate(record), estimate(record * s)
-    assert other.q == pytest.approx(one.q * s * s, rel=1e-5)
-    assert other.r == pytest.approx(one.r * s * s, rel=1e-5)
-    assert other.momentum == pytest.approx(one.momentum, rel=1e-5)
-    assert other.momentum_interval == pytest.approx(one.momentum_interval, rel=1e-4)
+    assert (other.q, other.r) == pytest.approx((one.q * s * s, one.r * s * s), rel=1e-5)
+    assert (other.momentum, *other.momentum_interval) == pytest.approx(
+        (one.momentum, *one.momentum_interval), rel=1e-4
+    )
     assert (other.verdict, other.message) == (one.verdict, one.message)
 
 
@@ -97,18 +97,17 @@ def test_the_promised_gain_is_kept_on_samples_to_come():
     assert 1.0 - after / before == pytest.approx(found.prediction_gain, abs=0.02)
 
 
-@pytest.mark.parametrize(
-    ("z", "verdict", "word"),
-    [
-        (np.sin(np.arange(400) / 20.0), "no_noise", "also with momentum"),
-        (np.random.default_rng(1).normal(0.0, 1.0, 400), "no_movement", "No momentum"),
-        (None, "ok", "too short"),  # of the model itself
-        (np.random.default_rng(2).normal(0.0, 1.0, 5), "too_few", "Too few"),
-        ([3.0] * 200, "constant", "equal"),
-    ],
-)
+NOISE = np.random.default_rng(1).normal(0.0, 1.0, 400)
+SHORT = 20.0 * np.sin(np.arange(64) / 8.0) + np.random.default_rng(0).normal(0.0, 1.0, 64)
+"""Momentum raises twice its log-likelihood by 52, which is no chance, but less than so short a record needs."""
+EDGES = [(np.sin(np.arange(400) / 20.0), "no_noise", "also with momentum"), (NOISE, "no_movement", "No momentum")]
+EDGES += [(moving(50, 10.0), "ok", "too short"), (SHORT, "no_noise", "it raises the likelihood, but not by enough")]
+EDGES += [(NOISE[:5], "too_few", "Too few"), ([3.0] * 200, "constant", "equal")]
+
+
+@pytest.mark.parametrize(("z", "verdict", "word"), EDGES)
 def test_every_edge_has_its_words(z, verdict, word):
-    found = estimate(moving(50, 10.0) if z is None else z)
+    found = estimate(z)
     assert (found.verdict, word in found.message) == (verdict, True)
     assert (found.params is None) == (verdict != "ok")
     assert not np.isnan([found.q, found.r, found.momentum, *found.momentum_interval, *found.lag_interval]).any()
@@ -124,13 +123,10 @@ def test_a_momentum_longer_than_the_record_is_not_claimed():
 # --- refusals, progress ------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("momentum", [-1.0, 1e6, math.nan, "some", None])
-def test_a_momentum_out_of_range_is_refused(record, momentum):
-    with pytest.raises(BadSetting, match="momentum must be"):
-        estimate(record, momentum=momentum)
-
-
-def test_progress_rises_and_a_cancel_stops(record):
+def test_progress_rises_a_cancel_stops_and_a_momentum_out_of_range_is_refused(record):
+    for momentum in (-1.0, 1e6, math.nan, "some", None):
+        with pytest.raises(BadSetting, match="momentum must be"):
+            estimate(record, momentum=momentum)
     seen = []
     estimate(record, progress=lambda *told: seen.append(told[0]))
     assert seen == sorted(seen)
@@ -138,11 +134,3 @@ def test_progress_rises_and_a_cancel_stops(record):
     calls = iter(range(12))
     with pytest.raises(Cancelled):
         estimate(record, cancelled=lambda: next(calls, 99) == 99)
-
-
-def test_a_likelihood_that_asks_for_momentum_is_not_contradicted_by_the_words():
-    """Twice the log-likelihood rises by 52, which is no chance, but less than so short a record needs."""
-    z = 20.0 * np.sin(np.arange(64) / 8.0) + np.random.default_rng(0).normal(0.0, 1.0, 64)
-    found = estimate(z)
-    assert found.momentum == 0.0
-    assert "it raises the likelihood, but not by enough" in found.message

@@ -6,7 +6,6 @@ import math
 
 import numpy as np
 import pytest
-from tests.estimation.fleets import fleet
 
 from kalscope import BadSetting, FilterParams, estimate, kalman_filter
 from kalscope.estimation.fit import estimate_fixed_ratio
@@ -25,12 +24,19 @@ from kalscope.estimation.pool import (
 )
 
 
+def fleet(devices, samples, q=0.01, r=1.0, seed=1):
+    """Records of shape (devices, samples); q and r are numbers, or one a device."""
+    rng = np.random.default_rng(seed)
+    steps, noise = rng.standard_normal((2, devices, samples))
+    q, r = (np.broadcast_to(np.asarray(value, float), (devices,))[:, None] for value in (q, r))
+    return np.cumsum(steps, axis=1) * np.sqrt(q) + noise * np.sqrt(r)
+
+
 def uneven(devices=40, seed=3):
     """Devices of different lengths, noises and movements."""
     rng = np.random.default_rng(seed)
-    rows = fleet(
-        devices, 400, 0.02 * np.exp(0.4 * rng.standard_normal(devices)), rng.uniform(0.5, 2.0, devices), seed
-    )
+    q = 0.02 * np.exp(0.4 * rng.standard_normal(devices))
+    rows = fleet(devices, 400, q, rng.uniform(0.5, 2.0, devices), seed)
     return [row[: int(rng.integers(60, 400))] for row in rows]
 
 
@@ -99,9 +105,8 @@ def test_the_interval_holds_the_best_ratio_of_a_fleet_of_such_devices_whether_th
     rng = np.random.default_rng(8)
 
     def fit(devices, seed):
-        return fit_pool(
-            pool_of(series_of(fleet(devices, 200, 0.05 * np.exp(spread * rng.standard_normal(devices)), seed=seed)))
-        )
+        q = 0.05 * np.exp(spread * rng.standard_normal(devices))
+        return fit_pool(pool_of(series_of(fleet(devices, 200, q, seed=seed))))
 
     truth = fit(6000, 99).ratio
     found = [fit(40, seed) for seed in range(60)]
@@ -129,10 +134,8 @@ def test_the_errors_are_those_of_the_filter_itself():
 def test_between_its_places_it_is_good_to_a_thousandth(ratio):
     rows = fleet(24, 600, 10.0 ** np.linspace(-5, 2, 24))
     own = [estimate(z[:300], momentum=0.0, robust=False).ratio for z in rows]
-    exact = [
-        prediction_error(z, ratio) / prediction_error(z, max(best, 1e-300))
-        for z, best in zip(rows, own, strict=True)
-    ]
+    best = [prediction_error(z, max(one, 1e-300)) for z, one in zip(rows, own, strict=True)]
+    exact = [prediction_error(z, ratio) for z in rows] / np.array(best)
     np.testing.assert_allclose(held_out_at(held_out(series_of(rows)), ratio), exact, rtol=1e-3)
     np.testing.assert_allclose(held_out_at(held_out(series_of(rows)).astype(np.float32), ratio), exact, rtol=1e-3)
 
@@ -158,11 +161,6 @@ def test_devices_like_the_fleet_are_served_and_others_are_not():
     assert share_served([math.nan]) == 1.0
 
 
-def logs(values, interval):
-    with np.errstate(divide="ignore"):
-        return np.log(np.where(values > 0.0, values, np.nan)), tuple(np.log(end) for end in interval)
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize(("samples", "q"), [(1000, 0.01), (300, 0.01), (200, 0.001), (400, 1.0), (400, 30.0)])
 def test_a_fleet_of_like_devices_names_as_many_by_chance_as_it_says(samples, q):
@@ -170,7 +168,12 @@ def test_a_fleet_of_like_devices_names_as_many_by_chance_as_it_says(samples, q):
     for seed in range(6):
         table = estimate_many(series_of(fleet(500, samples, q, seed=seed)))
         for name in named:
-            scores = outliers(*logs(getattr(table, name), getattr(table, f"{name}_interval")), expected=1.0)
+            low, high = getattr(table, f"{name}_interval")
+            with np.errstate(divide="ignore"):
+                value, *ends = np.log(
+                    [np.where(getattr(table, name) > 0.0, getattr(table, name), np.nan), low, high]
+                )
+            scores = outliers(value, tuple(ends), expected=1.0)
             named[name] += len(scores.devices)
     assert all(count <= 14 for count in named.values()), named  # 6 expected; more than 14 once in 1000
 

@@ -9,7 +9,7 @@ import pytest
 
 from kalscope import estimate, kalman_filter
 from kalscope.estimation.fit import estimate_fixed_r, estimate_fixed_ratio
-from kalscope.estimation.spikes import MAX_SHARE, SIGMAS
+from kalscope.estimation.spikes import MAX_SHARE
 from kalscope.filtering.kernels import GATE_LIMIT
 
 N = 1200
@@ -33,9 +33,8 @@ def spiky(seed=0, share=0.03, size=20.0, beside=1, n=N):
     return level, z, where
 
 
-def fields_of(one, names=None):
-    chosen = names or [f.name for f in fields(one) if f.name not in ("message", "outliers")]
-    return [getattr(one, name) for name in chosen]
+def fields_of(one, names=()):
+    return [getattr(one, name) for name in names or [f.name for f in fields(one) if f.name != "outliers"]]
 
 
 PAIR = ("q", "r", "ratio", "momentum")
@@ -59,9 +58,7 @@ def test_without_spikes_it_is_the_plain_fit_bit_for_bit(seed):
     _, z = walk(seed, 600)
     found, plain = estimate(z), estimate(z, robust=False)
     assert fields_of(found) == fields_of(plain)
-    assert found.message == plain.message
-    assert found.outliers is None
-    assert found.gate is None
+    assert (found.outliers, found.gate) == (None, None)
 
 
 def test_spikes_without_noise_are_left_to_the_gate():
@@ -71,28 +68,15 @@ def test_spikes_without_noise_are_left_to_the_gate():
     spikes = g.choice(N, N // 100, replace=False)
     z[spikes] += 25.0
     found = estimate(z)
-    assert found.verdict == "only_spikes"
-    assert found.params.gate == found.gate**2
+    assert (found.verdict, found.params.gate) == ("only_spikes", found.gate**2)
     assert found.ratio == pytest.approx(found.ratio_interval[0])
     assert found.r == found.params.r < 0.05
-    errors = [
-        np.sqrt(np.mean((kalman_filter(z, one.params).x - truth) ** 2))
-        for one in (found, estimate(z, robust=False))
-    ]
-    assert errors[0] < 0.5 * errors[1]
+    first, plain = (kalman_filter(z, one.params).x - truth for one in (found, estimate(z, robust=False)))
+    assert np.std(first) < 0.5 * np.std(plain)
 
 
-@pytest.mark.parametrize("seed", range(4))
-def test_steps_stay(seed):
-    g = np.random.default_rng(seed)
-    _, z = walk(seed)
-    for place in 10 * g.choice(range(2, N // 10 - 2), 5, replace=False):
-        z[place:] += 30.0 * g.choice([-1.0, 1.0])
-    assert fields_of(estimate(z)) == fields_of(estimate(z, robust=False))
-
-
-@pytest.mark.parametrize("length", [3, GATE_LIMIT, GATE_LIMIT + 1, 50])
-def test_a_lone_pulse_is_a_movement(length):
+@pytest.mark.parametrize("length", [3, GATE_LIMIT, GATE_LIMIT + 1, N])
+def test_a_step_and_a_lone_pulse_are_movements(length):
     _, z = walk()
     z[500 : 500 + length] += 30.0
     assert fields_of(estimate(z)) == fields_of(estimate(z, robust=False))
@@ -104,16 +88,6 @@ def test_the_ends_are_judged_by_their_only_side(ends):
     _, z = walk()
     z[ends] += 40.0
     assert np.flatnonzero(estimate(z).outliers).tolist() == ends
-
-
-@pytest.mark.parametrize("factor", [2.0**-60, -1.0, 2.0**60])
-def test_the_unit_does_not_matter(factor):
-    _, z, _ = spiky()
-    before, after = estimate(z), estimate(factor * z)
-    assert np.array_equal(before.outliers, after.outliers)
-    expected = [factor**2 * before.q, factor**2 * before.r]
-    np.testing.assert_allclose(fields_of(after, ("q", "r")), expected, rtol=1e-10)
-    assert after.gate == before.gate
 
 
 def test_missing_samples_and_long_steps_say_the_same():
@@ -131,27 +105,11 @@ def test_missing_samples_and_long_steps_say_the_same():
     assert one.outlier_share == other.outlier_share == (where & present).sum() / present.sum()
 
 
-@pytest.mark.slow
-def test_momentum_is_found_without_the_spikes():
-    g = np.random.default_rng(3)
-    signal = 40.0 * np.sin(np.arange(N) / 40.0) + np.cumsum(np.cumsum(g.normal(0.0, 0.01, N)))
-    z = signal + g.normal(0.0, 1.0, N)
-    where = np.zeros(N, dtype=bool)
-    where[g.choice(N // 6, 20, replace=False) * 6 + 3] = True
-    z[where] += 25.0
-    found = estimate(z)
-    np.testing.assert_array_equal(found.outliers, where)
-    oracle = estimate(np.where(where, np.nan, z), robust=False)
-    assert found.momentum == oracle.momentum > 0.0
-    assert found.params.gate == SIGMAS**2
-
-
 def test_too_many_are_refused_with_words():
     _, z, where = spiky(share=0.24, beside=2)
     found = estimate(z)
     assert found.outlier_share > MAX_SHARE
-    assert found.verdict == "too_many_outliers"
-    assert found.params is None
+    assert (found.verdict, found.params) == ("too_many_outliers", None)
     assert "Check the wiring" in found.message
     assert np.mean(found.outliers == where) > 0.99
 
@@ -179,8 +137,7 @@ def test_impacts_that_no_gate_can_tell_from_movement_stay_in_the_fit():
     z = np.cumsum(g.standard_t(2.0, N))
     z[g.choice(N, 3 * N // 100, replace=False)] += 25.0
     found, plain = estimate(z), estimate(z, robust=False)
-    assert plain.verdict == "ok"
     assert fields_of(found, PAIR) == fields_of(plain, PAIR)
-    assert found.gate is None
+    assert (plain.verdict, found.gate) == ("ok", None)
     assert "stay in the fit" in found.message
     assert estimate(z, robust=True).verdict == "no_noise"
