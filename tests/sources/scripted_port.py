@@ -1,9 +1,11 @@
-"""A port that gives what a test tells it to, and an opener that hands out such ports."""
+"""A port that gives what a test tells it to, sources that read such ports, and what a live source has kept."""
 
 import time
 
 from kalscope.errors import BadDevice
-from kalscope.sources.port.reader import OpenPort
+from kalscope.sources.live.source import LiveSource
+from kalscope.sources.port.reader import OpenPort, PortReader
+from kalscope.sources.port.registry import PortSpec
 
 
 class ScriptedPort(OpenPort):
@@ -39,3 +41,19 @@ def scripted(*ports):
         return rest.pop(0)
 
     return opener
+
+
+def source_of(*ports):
+    """A live source that opens one scripted port after the other."""
+    return LiveSource("x", reader=PortReader(PortSpec("x"), opener=scripted(*ports)))
+
+
+def lines(begin, end):
+    """Rows of a board: two channels of whole numbers."""
+    return b"".join(b"%d,%d\r\n" % (i, -i) for i in range(begin, end))
+
+
+def kept(live):
+    """Samples that a live source has kept since its start."""
+    snapshot = live.snapshot()
+    return 0 if snapshot is None else snapshot.first + len(snapshot.recording)

@@ -9,7 +9,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from kalscope import read_recording
 from kalscope.sources.grammar.timestamps import TimeColumn, stamp_parser
 from kalscope.sources.reading.account import summary
 from kalscope.sources.reading.axis import (
@@ -121,21 +120,18 @@ def test_clocks_and_counters_that_begin_again_go_on_and_others_step_back(form, s
     assert any(said in note for note in axis.notes)
 
 
-def days_from(first, per_day):
-    return first + np.arange(50) / per_day
-
-
+DAYS = np.arange(50) / 144
 UNITS = {
-    "s": (*([0, 1, 2], [0.0, 8.5, 17.1], [0, 60, 120], [0, 3600, 7200], [0, 300, 600], [0, 5, 10]),
-        *(days_from(45123.5, 100), days_from(45123.5, 3), [1.7e9, 1.7e9 + 1]),
-        45123.5 + np.cumsum(np.random.default_rng(1).uniform(0, 0.1, 50))),
-    "ms": (*([7, 17, 27], [0, 1000, 2000], [3, 1004, 2006], [0, 60000, 120000], [0, 10000, 20011]),
-        *([5012, 7015, 9018, 11022], [1.7e12, 1.7e12 + 10])),
-    "us": ([71, 250_071, 500_079], [7e8, 7e8 + 2500, 7e8 + 5004], [1.7e15, 1.7e15 + 1e4], [1.2e9, 1.2e9 + 4e3]),
-    "ns": ([584065454762638, 584065474483599], [1.7e18, 1.7e18 + 1e7]),
-    "100ns": ([133540000000000000, 133540000001000000], [638451306000000000, 638451306000100000]),
-    "day": (*(days_from(45123.5, 144), days_from(0.25, 43200), np.round(days_from(45123.5, 1440), 9)),
-        *(days_from(739000.5, 86400), days_from(2460000.5, 24))),
+    "s": [[0, 1, 2], [0.0, 8.5, 17.1], [0, 60, 120], [0, 3600, 7200], [0, 300, 600], [0, 5, 10],
+        45123.5 + DAYS / 1.44, 45123.5 + np.arange(50) / 3, [1.7e9, 1.7e9 + 1],
+        45123.5 + np.cumsum(np.random.default_rng(1).uniform(0, 0.1, 50))],
+    "ms": [[7, 17, 27], [0, 1000, 2000], [3, 1004, 2006], [0, 60000, 120000], [0, 10000, 20011], [1.7e12, 1.7e12 + 10],
+        [5012, 7015, 9018, 11022]],
+    "us": [[71, 250_071, 500_079], [7e8, 7e8 + 2500, 7e8 + 5004], [1.7e15, 1.7e15 + 1e4], [1.2e9, 1.2e9 + 4e3]],
+    "ns": [[584065454762638, 584065474483599], [1.7e18, 1.7e18 + 1e7]],
+    "100ns": [[133540000000000000, 133540000001000000], [638451306000000000, 638451306000100000]],
+    "day": [45123.5 + DAYS, 0.25 + DAYS / 300, np.round(45123.5 + DAYS / 10, 9), 739000.5 + DAYS / 600,
+        2460000.5 + 6 * DAYS],
 }  # fmt: skip
 
 
@@ -176,12 +172,11 @@ def test_the_rate_and_the_pauses_of_a_device_are_found(name, seed):
         assert len(found.pauses) == len(missing)
 
 
-@pytest.mark.parametrize("place", [5, 135, 398])
-@pytest.mark.parametrize("error", [-1e8, 1e8])
-def test_a_damaged_stamp_does_not_change_the_rate(place, error):
-    time = np.cumsum(0.001 * RNG.uniform(0.5, 1.5, 400))
-    time[place] += error
-    assert find_rate(time).period == pytest.approx(0.001, rel=0.1)
+def test_a_damaged_stamp_does_not_change_the_rate():
+    for place, error in ((5, -1e8), (135, 1e8), (398, 1e8)):
+        time = np.cumsum(0.001 * RNG.uniform(0.5, 1.5, 400))
+        time[place] += error
+        assert find_rate(time).period == pytest.approx(0.001, rel=0.1)
 
 
 LOSSY = {
@@ -211,33 +206,30 @@ def test_a_late_delivery_is_no_pause():
     assert find_rate(time).pauses.tolist() == [99]
 
 
-@pytest.mark.parametrize("every", [3600.0, 1200.0])
-def test_rows_between_those_of_an_even_grid_leave_the_rate_alone(every):
-    """Reports beside a row every five minutes, as weather stations send them: the period exceeds the mean step."""
-    time = np.sort(np.concatenate((np.arange(0, 86400, 300.0), np.arange(180.0, 86400, every))))
-    found = find_rate(time)
-    assert (found.period, found.pauses.size) == (300.0, 0)
-    steps = np.tile([1.137] * 7 + [0.137], 20)  # these are on no grid
-    assert find_rate(np.cumsum(steps)).period == pytest.approx(steps.mean(), rel=0.01)
+def pages(rows, period):
+    return np.concatenate([start + period * np.arange(rows) for start in 600.0 * np.arange(20)])
 
 
-@pytest.mark.parametrize("rows", [10, 500])
-def test_a_logger_that_wakes_now_and_then_has_pauses_and_no_bursts(rows):
-    period = 0.01 if rows > 100 else 1.0
-    time = np.concatenate([start + period * np.arange(rows) for start in 600.0 * np.arange(20)])
-    found = find_rate(time)
-    assert (found.period, found.pauses.size) == (period, 19)
-    assert found.stamps != "bursts"
+FIVE_MINUTES = np.arange(0, 86400, 300.0)
+RATES = {  # the stamps, the period, and how many pauses
+    "reports every hour between even rows": ([*FIVE_MINUTES, *np.arange(180.0, 86400, 3600)], 300, 0),
+    "reports every 20 min between even rows": ([*FIVE_MINUTES, *np.arange(180.0, 86400, 1200)], 300, 0),
+    "a late row now and then, on no grid": (np.cumsum(np.tile([1.137] * 7 + [0.137], 20)), 1.012, 0),
+    "a logger that wakes for 10 rows": (pages(10, 1.0), 1.0, 19),
+    "a logger that wakes for 500 rows": (pages(500, 0.01), 0.01, 19),
+    "an SD card that writes at every tenth row": (np.cumsum(np.tile([2, 2, 1, 2, 2, 1, 2, 2, 1, 19], 300)), 3.4, 0),
+}
 
 
-def test_every_tenth_step_of_an_sd_card_counts():
-    """Nine steps of 1 or 2 ms, then one of 19 while the card writes: the mean is what the filter meets."""
-    steps = np.tile([2, 2, 1, 2, 2, 1, 2, 2, 1, 19], 300) * 1e-3
-    found = find_rate(np.concatenate(([0.0], np.cumsum(steps))))
-    assert (found.stamps, found.pauses.size) == ("uneven", 0)
-    assert found.period == pytest.approx(3.4e-3, rel=1e-3)
+@pytest.mark.parametrize("name", RATES)
+def test_the_rate_is_what_a_filter_meets(name):
+    time, period, pauses = RATES[name]
+    found = find_rate(np.sort(time) * (1e-3 if "SD" in name else 1))
+    assert found.period == pytest.approx(period * (1e-3 if "SD" in name else 1), rel=1e-3)
+    assert (found.pauses.size, found.stamps == "bursts") == (pauses, False)
 
 
+@pytest.mark.slow
 @given(st.integers(2, 400), st.sampled_from([0.001, 0.004, 0.01, 0.02, 1.0, 60.0, 3600.0]), st.integers(0, 10**6))
 def test_even_stamps_keep_their_median_step_to_the_last_digit(n, step, first):
     time = np.round((first + np.arange(n)) * step, 6)
@@ -246,12 +238,10 @@ def test_even_stamps_keep_their_median_step_to_the_last_digit(n, step, first):
     assert found.period == float(f"{np.median(np.diff(time)):.9g}")
 
 
+@pytest.mark.slow
 @settings(max_examples=30)
 @given(
-    st.sampled_from(sorted(DEVICES)),
-    st.integers(0, 20),
-    st.sampled_from([1.0, 2.0, 8.0]),
-    st.sampled_from([0.0, 1024.0, -65536.0]),
+    *(st.sampled_from(choice) for choice in (sorted(DEVICES), range(20), (1.0, 2.0, 8.0), (0.0, 1024.0, -65536.0)))
 )
 def test_shifted_and_stretched_stamps_have_the_shifted_and_stretched_rate(name, seed, scale, shift):
     _, time, _ = DEVICES[name][0].run(1500, seed)
@@ -322,16 +312,12 @@ def test_samples_without_stamps_are_counted_in_the_period_that_is_given():
     assert axis.notes == ("time counts from 2017-07-14T02:40:00+00:00",)
 
 
-def test_steps_that_vary_have_their_standard_deviation_and_pauses_do_not_count(tmp_path):
+@pytest.mark.slow
+def test_steps_that_vary_have_their_standard_deviation_and_pauses_do_not_count(read):
     steps = np.random.default_rng(0).choice([0.06, 0.08, 0.1, 0.13], 2000)
-    paused = steps.copy()
-    paused[[300, 900]] = 50.0
-    for some, true in ((steps, steps), (paused, np.delete(steps, [300, 900])), (np.full(500, 0.01), np.zeros(1))):
-        file = tmp_path / "log.csv"
-        file.write_text("t_s,z\n" + "".join(f"{t:.6f},{i % 7}\n" for i, t in enumerate(np.cumsum(some))))
-        record = read_recording(file)
+    paused = np.insert(steps, [300, 900], 50.0)
+    for some, true in ((np.full(500, 0.01), np.zeros(1)), (paused, steps), (steps, steps)):
+        record = read("t_s,z\n" + "".join(f"{t:.6f},{i % 7}\n" for i, t in enumerate(np.cumsum(some))))
         assert jitter_of(record) == pytest.approx(true.std() / record.sample_period, rel=1e-3, abs=1e-9)
-        if some is steps:
-            assert rate_words(record.sample_period, jitter_of(record)) == "10.7 Hz, steps ± 28 %"
-            said = ", 10.7 Hz from uneven stamps, standard error 0.71 %, steps ± 28 %"
-            assert summary(record).endswith(said)
+    assert rate_words(record.sample_period, jitter_of(record)) == "10.7 Hz, steps ± 28 %"
+    assert summary(record).endswith(", 10.7 Hz from uneven stamps, standard error 0.71 %, steps ± 28 %")

@@ -14,6 +14,7 @@ from kalscope.sources.port.registry import PortSpec
 from kalscope.sources.reading.line_parser import LineParser
 
 NAN = math.nan
+MS = TimeColumn(0, "number", "ms")
 
 
 def test_a_topic_that_is_new_later_gets_a_column_and_the_others_keep_their_samples():
@@ -78,33 +79,32 @@ def test_stamps_are_the_time_and_a_unit_without_name_is_found_by_the_clock_of_th
     np.testing.assert_allclose(time, true, atol=1e-9)
 
 
-def test_stamps_that_stand_still_are_no_time():
-    clock = LiveTime(TimeColumn(0, "number", ""))
-    time = times_of(clock, (np.arange(100) * 0.01).tolist(), [3.0] * 100)
-    np.testing.assert_allclose(time, np.arange(100) * 0.01, atol=1e-9)
+TICKS = np.arange(100) * 0.01
+DAMAGED = np.arange(20) * 10.0
+DAMAGED[[7, 13]] = 99_999_999.0, 20.0
+CLOCKS = {  # the column, when the rows arrived, s, their stamps, and the right times
+    "stamps that stand still are no time": (TimeColumn(0, "number", ""), TICKS, [3.0] * 100, TICKS),
+    "a counter that wraps": (MS, TICKS, np.mod(TICKS * 1000 + 2.0**32 - 500, 2.0**32), TICKS),
+    "a clock at midnight": (
+        TimeColumn(0, "clock"),
+        range(5),
+        [(86398 + i) % 86400 * 1e6 for i in range(5)],
+        range(5),
+    ),
+    "damaged stamps": (MS, TICKS[:20], DAMAGED, TICKS[:20]),
+    "a board that restarts": (MS, [0, 0.01, 1.62, 1.63], [50_000.0, 50_010, 3, 13], [0, 0.01, 1.62, 1.63]),
+}
 
 
-def test_a_counter_that_wraps_is_counted_on():
-    true = np.arange(100) * 10.0 + 2.0**32 - 500
-    clock = LiveTime(TimeColumn(0, "number", "ms"))
-    time = times_of(clock, (np.arange(100) * 0.01).tolist(), np.mod(true, 2.0**32).tolist())
-    np.testing.assert_allclose(time, np.arange(100) * 0.01, atol=1e-6)
+@pytest.mark.parametrize("name", CLOCKS)
+def test_a_clock_goes_on_by_the_time_that_has_passed(name):
+    column, hosts, stamps, expected = CLOCKS[name]
+    time = times_of(LiveTime(column), list(hosts), list(stamps))
+    np.testing.assert_allclose(time, expected, atol=0.02 if name == "damaged stamps" else 1e-6)
+    assert (np.diff(time) >= 0).all()
 
 
-def test_a_clock_goes_on_over_midnight():
-    clock = LiveTime(TimeColumn(0, "clock"))
-    stamps = [(86398 + i) % 86400 * 1e6 for i in range(5)]
-    np.testing.assert_allclose(times_of(clock, [float(i) for i in range(5)], stamps), np.arange(5), atol=1e-6)
-
-
-def test_the_time_axis_of_a_board_that_restarts_continues_by_the_time_that_has_passed():
-    clock = LiveTime(TimeColumn(0, "number", "ms"))
-    first = times_of(clock, [0.0, 0.01, 0.02], [50_000.0, 50_010.0, 50_020.0])
-    again = times_of(clock, [1.62, 1.63, 1.64], [3.0, 13.0, 23.0])
-    np.testing.assert_allclose(np.concatenate([first, again]), [0, 0.01, 0.02, 1.62, 1.63, 1.64], atol=1e-9)
-
-
-@pytest.mark.parametrize("column", [None, TimeColumn(0, "number", "ms")])
+@pytest.mark.parametrize("column", [None, MS])
 @pytest.mark.parametrize("restarted", [False, True])
 def test_after_an_interruption_time_jumps_by_the_true_pause_and_one_row_is_missing(column, restarted):
     clock = LiveTime(column)
@@ -116,12 +116,3 @@ def test_after_an_interruption_time_jumps_by_the_true_pause_and_one_row_is_missi
     assert math.isnan(values[0][0])
     assert values[1:] == [(0.0,), (1.0,)]
     assert clock.period == pytest.approx(0.01)
-
-
-def test_one_damaged_stamp_moves_nothing_but_itself():
-    stamps = [10.0 * i for i in range(20)]
-    stamps[7], stamps[13] = 99_999_999.0, 20.0
-    clock = LiveTime(TimeColumn(0, "number", "ms"))
-    time = times_of(clock, (np.arange(20) * 0.01).tolist(), stamps)
-    assert (np.diff(time) >= 0).all()
-    np.testing.assert_allclose(time, np.arange(20) * 0.01, atol=0.02)

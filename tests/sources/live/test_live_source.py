@@ -7,37 +7,25 @@ from itertools import cycle
 
 import numpy as np
 import pytest
-from tests.sources.scripted_port import ScriptedPort, scripted
+from tests.sources.scripted_port import ScriptedPort, kept, lines, source_of
 from tests.support.waiting import PATIENCE
 
 from kalscope.errors import BadDevice, BadSetting
-from kalscope.sources.live.source import LiveSource
-from kalscope.sources.port.reader import PortReader
-from kalscope.sources.port.registry import PortSpec
 from kalscope.sources.reading.recording_file import read_recording
 
 pytestmark = pytest.mark.usefixtures("no_thread_left")
 
 
-def lines(begin, end):
-    return b"".join(b"%d,%d\r\n" % (i, -i) for i in range(begin, end))
-
-
 def received(live, count):
-    return lambda: live.status().accepted >= count and live.snapshot() is not None and kept(live) >= count
+    return lambda: live.status().accepted >= count and kept(live) >= count
 
 
-def kept(live):
-    snapshot = live.snapshot()
-    return 0 if snapshot is None else snapshot.first + len(snapshot.recording)
-
-
+@pytest.mark.slow
 def test_every_sample_arrives_exactly_with_the_names_of_the_board(board, live, wait_for):
     board.say(b"x\nheat [mV],light\n" + lines(0, 20_000) + b"nan,ovf\ninf,-inf\n")
     wait_for(received(live, 20_002))
     recording = live.snapshot().recording
-    assert recording.names == ("heat", "light")
-    assert recording.units == ("mV", "")
+    assert (recording.names, recording.units) == (("heat", "light"), ("mV", ""))
     np.testing.assert_array_equal(recording.values[:-2], np.column_stack([np.arange(20_000), -np.arange(20_000)]))
     assert np.isnan(recording.values[-2:]).all()  # what an Arduino prints for no number
     assert (np.diff(recording.time) > 0).all()
@@ -46,19 +34,17 @@ def test_every_sample_arrives_exactly_with_the_names_of_the_board(board, live, w
     assert (status.received, status.accepted, status.rejected, status.dropped) == (20_004, 20_002, 0, 2)
 
 
-def test_other_columns_are_a_new_generation_and_the_same_header_is_none(board, live, wait_for):
+def test_other_columns_are_a_new_generation_and_the_same_header_is_none(board, live, wait_for, monkeypatch):
     board.say(b"x\na,b\n" + lines(0, 100))
     wait_for(received(live, 100))
     first = live.snapshot()
     board.say(b"a,b\n" + lines(0, 100))
     wait_for(received(live, 200))
     assert live.snapshot().generation == first.generation
-    time.sleep(2.1)  # no longer the time in which a board starts
+    monkeypatch.setattr("kalscope.sources.live.lines.BOOT_SECONDS", 0.0)  # the board has started long ago
     board.say(b"c,d,e\n" + b"1,2,3\n" * 100)
-    wait_for(lambda: live.snapshot().recording.names == ("c", "d", "e"))
-    wait_for(lambda: kept(live) == 100)
-    assert live.snapshot().generation > first.generation
-    assert live.snapshot().first == 0
+    wait_for(lambda: live.snapshot().generation > first.generation and kept(live) == 100)
+    assert (live.snapshot().recording.names, live.snapshot().first) == (("c", "d", "e"), 0)
     np.testing.assert_array_equal(first.recording.values[:, 0], np.arange(100))
 
 
@@ -121,20 +107,14 @@ def test_a_line_sent_is_answered_by_the_next_line_with_a_hash(board, live, wait_
     np.testing.assert_array_equal(live.snapshot().recording.values[:, 0], np.arange(14))
 
 
-def test_a_board_that_goes_before_it_answers_is_not_waited_for(board, live):
+def test_a_board_that_goes_is_not_waited_for_and_what_an_avr_would_lose_is_not_sent(board, live):
     board.say(lines(0, 10))
     threading.Thread(target=lambda: (board.heard(), board.unplug())).start()
     with pytest.raises(BadDevice, match="was disconnected before it answered"):
         live.send("q0.01", timeout=PATIENCE)
-
-
-@pytest.mark.parametrize("line", ["x" * 63, "two\nlines", "\x00"])
-def test_what_an_avr_would_lose_is_not_sent(live, line):
-    with pytest.raises(BadSetting, match="at most 62 bytes"):
-        live.send(line)
-
-
-LOST = BadDevice("lost")
+    for line in ("x" * 63, "two\nlines", "\x00"):
+        with pytest.raises(BadSetting, match="at most 62 bytes"):
+            live.send(line)
 
 
 @pytest.mark.slow
@@ -143,10 +123,9 @@ LOST = BadDevice("lost")
     ("where it stopped", [2, 3, 20, 21], (5, 4, 0, 1)),
 ])  # fmt: skip
 def test_an_opening_says_where_its_first_byte_is(starts, kept_values, counts, wait_for):
-    first = ScriptedPort([b"heat,light\n", b"2,0\n3,0\n", LOST], "at a line")
+    first = ScriptedPort([b"heat,light\n", b"2,0\n3,0\n", BadDevice("lost")], "at a line")
     second = ScriptedPort([b"20,0\n21,0\n"], starts)
-    source = LiveSource("x", reader=PortReader(PortSpec("x"), opener=scripted(first, second)))
-    with source as live:
+    with source_of(first, second) as live:
         wait_for(lambda: kept(live) >= len(kept_values))
         np.testing.assert_array_equal(live.snapshot().recording.values[:, 0], kept_values)
         status = live.status()
@@ -158,8 +137,7 @@ def test_what_the_other_side_keeps_is_never_dropped(monkeypatch, wait_for):
     monkeypatch.setattr("kalscope.sources.live.source.MAX_WAITING_BYTES", 10_000)
     monkeypatch.setattr("kalscope.sources.port.reader._KEPT_BYTES", 5_000)
     port = ScriptedPort([lines(i, i + 100) for i in range(0, 10_000, 100)], "at a line", keeps=True)
-    source = LiveSource("x", reader=PortReader(PortSpec("x"), opener=scripted(port)))
-    with source as live:
+    with source_of(port) as live:
         wait_for(received(live, 10_000))
         np.testing.assert_array_equal(live.snapshot().recording.values[:, 0], np.arange(10_000))
         assert live.status().overrun == 0
@@ -170,15 +148,14 @@ def test_of_a_flood_without_end_whole_lines_are_read_and_others_left_out(monkeyp
     monkeypatch.setattr("kalscope.sources.port.reader._MOST_BYTES", 50_000)
     port, reads = ScriptedPort([], "at a line"), cycle([lines(0, 100)[:501], lines(0, 100)[501:]])
     port.fetch = lambda: next(reads)
-    with LiveSource("x", reader=PortReader(PortSpec("x"), opener=scripted(port))) as live:
+    with source_of(port) as live:
         wait_for(lambda: min(live.status().accepted, live.status().overrun) > 1000)
         status = live.status()
         assert (status.rejected, status.dropped) == (0, status.overrun)
 
 
 def test_an_error_in_a_line_is_reported_and_the_next_lines_are_read(monkeypatch, wait_for):
-    port = ScriptedPort([b"1,2\n", b"3,4\n"], "at a line")
-    live = LiveSource("x", reader=PortReader(PortSpec("x"), opener=scripted(port)))
+    live = source_of(ScriptedPort([b"1,2\n", b"3,4\n"], "at a line"))
     feed, fails = live._lines.feed, iter([True])
     monkeypatch.setattr(live._lines, "feed", lambda received: 1 / 0 if next(fails, False) else feed(received))
     with live:

@@ -4,6 +4,7 @@ import os
 
 import numpy as np
 import pytest
+from tests.sources.scripted_port import kept
 
 from kalscope.errors import BadDevice, BadSetting
 from kalscope.sources.grammar.read_options import ReadOptions
@@ -51,11 +52,6 @@ def test_what_is_no_file_is_refused_and_a_fifo_holds_up_nobody(tmp_path):
             GrowingFile(str(tmp_path / name))
         with pytest.raises((BadDevice, BadSetting)):
             LiveSource(f"file:{tmp_path / name}").start(require=True)
-
-
-def kept(live):
-    snapshot = live.snapshot()
-    return 0 if snapshot is None else snapshot.first + len(snapshot.recording)
 
 
 RECORDED = """# kalscope recording 0.1.0

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.sources.scripted_port import kept, lines
 from tests.support.program import free_port
 from tests.support.required import not_here
 from tests.support.waiting import wait_until
@@ -155,15 +156,6 @@ def pi(server, monkeypatch, wait_for):
     monkeypatch.setenv("PATH", f"{server.bin}:/usr/bin:/bin")
     yield server
     wait_for(lambda: not descendants(server.process.pid))
-
-
-def lines(begin, end):
-    return b"".join(b"%d,%d\r\n" % (i, -i) for i in range(begin, end))
-
-
-def kept(live):
-    snapshot = live.snapshot()
-    return 0 if snapshot is None else snapshot.first + len(snapshot.recording)
 
 
 def values(live):
