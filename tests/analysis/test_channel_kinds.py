@@ -27,7 +27,6 @@ MEASURE = {
     "noise": NOISE,
     "an ADC": WALK,
     "an ADC of two bits": RNG.integers(0, 4, N),
-    "a slow rise with noise": 0.01 * ROWS + NOISE,
     "a quantised warming": np.rint(20 + 0.05 * ROWS + RNG.normal(0.0, 0.5, N)),
     "a sawtooth with noise": ROWS % 50 + NOISE,
     "a step": np.where(ROWS < 200, 0.0, 5.0) + NOISE,
@@ -53,7 +52,6 @@ NO_MEASUREMENT = {
     "an hour without a name": (ROWS // 40, kinds.DATE_PART),
     "minutes of the hour": (ROWS // 2 % 60, kinds.DATE_PART),
     "a flag": (RNG.integers(0, 2, N), kinds.FLAG),
-    "a rare event": (np.where(ROWS % 150 == 7, 1, 0), kinds.FLAG),
     "a constant": (np.full(N, 3.3), kinds.CONSTANT),
     "an empty column": (np.full(N, np.nan), kinds.EMPTY),
     "two values a minute": (np.where(ROWS % 30 == 0, NOISE, np.nan), kinds.SPARSE),
@@ -95,12 +93,9 @@ def test_a_name_alone_decides_nothing(name):
     assert kind(50.0 * NOISE, name) == kinds.MEASUREMENT
 
 
-def test_the_first_channel_that_measures_is_the_default():
+def test_the_default_is_the_first_channel_that_measures_or_the_one_with_most_to_say():
     made = recording(seq=ROWS, year=np.full(N, 2025), lat=48 + 1e-4 * NOISE, temp=NOISE, hum=WALK)
     assert default_channel(made) == "temp"
-
-
-def test_among_channels_that_do_not_measure_the_one_with_most_to_say_is_the_default():
     assert default_channel(recording(seq=ROWS, ok=np.ones(N), valve=ROWS % 7 == 0, ms=20 * ROWS)) == "valve"
     assert default_channel(recording(seq=ROWS)) == "seq"
 

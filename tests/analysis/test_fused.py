@@ -9,6 +9,8 @@ import pytest
 
 from kalscope import BadSetting, FilterParams, estimate_fusion, fuse, judge_fusion, steady_state
 
+pytestmark = pytest.mark.slow
+
 R = np.array([0.25, 1.0, 4.0])
 PARAMS = FilterParams(0.01, R)
 
@@ -30,14 +32,12 @@ def in_turns(z):
     return np.where(turns, z, np.nan)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("seed", range(12))
 @pytest.mark.parametrize("sensors", [1, 2, 3])
-def test_nothing_is_wrong_with_sensors_as_the_model_has_them(seed, sensors):
-    z = recorded(seed, sensors, n=1000)
-    for one in (z, in_turns(z)):
-        found = judged(one)
-        assert [sensor.faults for sensor in found.sensors] == [()] * sensors
+def test_nothing_is_wrong_with_sensors_as_the_model_has_them(sensors):
+    for seed in range(6):
+        z = recorded(seed, sensors, n=1000)
+        for one in (z, in_turns(z)):
+            assert [sensor.faults for sensor in judged(one).sensors] == [()] * sensors
 
 
 def test_the_errors_are_those_of_the_settled_filters():
@@ -46,9 +46,8 @@ def test_the_errors_are_those_of_the_settled_filters():
     for i, one in enumerate(found.sensors):
         others = [j for j in range(3) if j != i]
         assert one.error == pytest.approx(math.sqrt(steady_state(PARAMS.only([i]).as_single).p), rel=1e-3)
-        assert one.error_without == pytest.approx(
-            math.sqrt(steady_state(PARAMS.only(others).as_single).p), rel=1e-3
-        )
+        without = math.sqrt(steady_state(PARAMS.only(others).as_single).p)
+        assert one.error_without == pytest.approx(without, rel=1e-3)
         assert one.shares_without.sum() == pytest.approx(1.0)
     assert found.best == 0
     assert found.headline == (
@@ -67,9 +66,8 @@ def test_the_pull_of_a_stuck_sensor_is_where_the_fused_value_ends(gate):
     z -= z.mean(axis=1, keepdims=True)
     z[500:, 0] = 70.0
     params = FilterParams(0.01, R, gate=gate)
-    assert judged(z, params=params).sensors[0].share == pytest.approx(
-        fuse(z, params).x[1500:].mean() / 70.0, abs=0.03
-    )
+    end = fuse(z, params).x[1500:].mean() / 70.0
+    assert judged(z, params=params).sensors[0].share == pytest.approx(end, abs=0.03)
 
 
 def drifting(z):
@@ -111,19 +109,13 @@ def test_the_sensor_that_is_at_fault_is_named(spoil, name, fault, sentence):
     assert all(one.faults == () for one in found.sensors if one.name != name)
 
 
-def test_two_sensors_cannot_tell_which_of_them_drifts():
-    z = recorded(sensors=2)
-    drifting(z)
-    found = judged(z)
-    assert [one.faults for one in found.sensors] == [("drift",), ("drift",)]
-    assert sum("a and b drift apart by" in sentence for sentence in found.sentences) == 1
-
-
-def test_a_drift_shows_between_sensors_that_never_answer_together():
+def test_a_drift_shows_between_sensors_in_turns_but_of_two_not_which_of_them_drifts():
     z = recorded()
     drifting(z)
-    found = judged(in_turns(z))
-    assert [one.faults for one in found.sensors] == [(), ("drift",), ()]
+    assert [one.faults for one in judged(in_turns(z)).sensors] == [(), ("drift",), ()]
+    found = judged(z[:, :2])
+    assert [one.faults for one in found.sensors] == [("drift",), ("drift",)]
+    assert sum("a and b drift apart by" in sentence for sentence in found.sentences) == 1
 
 
 def test_no_sensor_alone_is_better_than_all_however_late_it_begins():
@@ -135,22 +127,17 @@ def test_no_sensor_alone_is_better_than_all_however_late_it_begins():
     assert not any(one.drift for one in found.sensors)  # what b would have read later is not known
 
 
-def test_few_rows_and_none():
+def test_few_rows_and_none_and_what_is_refused():
     assert judged(recorded(n=20)).prediction is None
     found = judged(np.empty((0, 2)))
-    assert math.isinf(found.error)
-    assert [one.answered for one in found.sensors] == [0.0, 0.0]
+    assert (found.error, [one.answered for one in found.sensors]) == (math.inf, [0.0, 0.0])
     assert "No sensor has a reading" in found.headline
-
-
-def test_what_does_not_fit_is_refused():
     with pytest.raises(BadSetting, match="names must be 3"):
         judged(recorded(), names=["a"])
     with pytest.raises(BadSetting, match="column for each"):
         judge_fusion(np.zeros((5, 2)), PARAMS)
-    constant = estimate_fusion(np.ones((50, 2)))
     with pytest.raises(BadSetting, match="without params"):
-        judge_fusion(np.ones((50, 2)), constant)
+        judge_fusion(np.ones((50, 2)), estimate_fusion(np.ones((50, 2))))
 
 
 def test_a_sensor_of_coarse_steps_is_stuck_only_where_the_others_move():

@@ -30,13 +30,9 @@ def test_filtered_density_is_the_raw_one_times_the_response_squared():
     found = spectrum(RNG.normal(size=400_000), PARAMS)
     passed = (found.filtered / found.raw)[5:-1]
     assert np.median(passed / found.response[5:-1] ** 2) == pytest.approx(1.0, rel=0.02)
-    kept = (found.residual / found.raw)[5:-1]
-    hold = np.abs(1 - transfer(float(steady_state(PARAMS).gain), found.frequency[5:-1])) ** 2
-    assert np.median(kept / hold) == pytest.approx(1.0, rel=0.02)
-
-
-def transfer(gain, frequency):
-    return gain / (1 - (1 - gain) * np.exp(-2j * np.pi * frequency))
+    kept, gain = (found.residual / found.raw)[5:-1], float(steady_state(PARAMS).gain)
+    transfer = gain / (1 - (1 - gain) * np.exp(-2j * np.pi * found.frequency[5:-1]))
+    assert np.median(kept / np.abs(1 - transfer) ** 2) == pytest.approx(1.0, rel=0.02)
 
 
 MOVING = [(0.01, 0.0), (0.01, 20.0), (1e-4, 300.0), (1.0, 0.3), (30.0, 5.0), (1e3, 1e5), (1e-6, 3e3), (0.1, 0.01)]
@@ -63,13 +59,10 @@ def test_missing_samples_the_longest_whole_stretch_or_lines_and_the_note_says_wh
     assert whole_stretch(z) == (slice(0, 1000), "No sample is missing.")
     z[100] = np.nan
     part, note = whole_stretch(z)
-    assert part == slice(101, 1000)
-    assert "Samples 101 to 999, the longest stretch" in note
-    z[::5] = np.nan
-    z[:3] = np.nan
+    assert (part, "Samples 101 to 999, the longest stretch" in note) == (slice(101, 1000), True)
+    z[::5] = z[:3] = np.nan
     part, note = whole_stretch(z)
-    assert part == slice(3, 1000)
-    assert note.startswith("202 missing samples are interpolated linearly")
+    assert (part, note.startswith("202 missing samples are interpolated linearly")) == (slice(3, 1000), True)
     assert np.isfinite(spectrum(z, PARAMS).filtered).all()
     assert whole_stretch(np.full(5, np.nan))[0] == slice(0, 0)
 
@@ -77,14 +70,12 @@ def test_missing_samples_the_longest_whole_stretch_or_lines_and_the_note_says_wh
 def test_too_short_records_have_no_density_and_no_allan_deviation():
     for n in (0, 1, 31):
         found = spectrum(np.arange(float(n)), PARAMS)
-        assert (found.samples, len(found.frequency)) == (0, 0)
-        assert "needs 32 samples" in found.note
-    assert "too short" in allan_deviation(np.arange(3.0), PARAMS).message
-    assert "too short" in allan_deviation(np.full(100, np.nan), PARAMS).message
-    with pytest.raises(BadSetting, match="one channel"):
-        spectrum(np.zeros((40, 2)), PARAMS)
-    with pytest.raises(BadSetting, match="one channel"):
-        allan_deviation(np.zeros((40, 2)), PARAMS)
+        assert (found.samples, len(found.frequency), "needs 32 samples" in found.note) == (0, 0, True)
+    for z in (np.arange(3.0), np.full(100, np.nan)):
+        assert "too short" in allan_deviation(z, PARAMS).message
+    for function in (spectrum, allan_deviation):
+        with pytest.raises(BadSetting, match="one channel"):
+            function(np.zeros((40, 2)), PARAMS)
 
 
 @pytest.mark.slow
@@ -109,14 +100,14 @@ def test_allan_deviation_is_its_definition_gaps_left_out():
 
 
 @pytest.mark.parametrize("momentum", [1e-9, 0.3, 5.0, 80.0, 3e3, 1e5])
-@pytest.mark.parametrize("size", [1, 2, 7, 40, 300])
-def test_allan_of_the_model_with_momentum_is_its_definition(momentum, size):
+def test_allan_of_the_model_with_momentum_is_its_definition(momentum):
     """Two averages of a process that is off by q(k - τ + τ exp(-k/τ)) after k samples, in the mean square."""
-    apart = np.abs(np.subtract.outer(np.arange(2.0 * size), np.arange(2.0 * size)))
-    off = 2.0 * (apart + momentum * np.expm1(-apart / momentum))
-    weights = np.repeat([-1.0 / size, 1.0 / size], size)
-    expected = -0.25 * weights @ off @ weights + 3.0 / size
-    assert float(allan_model(size, 2.0, 3.0, momentum)) == pytest.approx(expected, rel=1e-11)
+    for size in (1, 2, 7, 40, 300):
+        apart = np.abs(np.subtract.outer(np.arange(2.0 * size), np.arange(2.0 * size)))
+        off = 2.0 * (apart + momentum * np.expm1(-apart / momentum))
+        weights = np.repeat([-1.0 / size, 1.0 / size], size)
+        expected = -0.25 * weights @ off @ weights + 3.0 / size
+        assert float(allan_model(size, 2.0, 3.0, momentum)) == pytest.approx(expected, rel=1e-11)
 
 
 def test_the_words_name_the_minimum_of_model_and_recording():
@@ -127,8 +118,7 @@ def test_the_words_name_the_minimum_of_model_and_recording():
     assert "In this recording it stops helping at" in said
     assert "always help" in allan_deviation(RNG.normal(size=n), FilterParams(q=0.0, r=1.0)).message
     walk = allan_deviation(np.cumsum(RNG.normal(size=n)), FilterParams(q=1.0, r=0.0)).message
-    assert "does not help at all" in walk
-    assert "averaging never helps" in walk
+    assert all(words in walk for words in ("does not help at all", "averaging never helps"))
     assert "is constant" in allan_deviation(np.full(500, 5.0), FilterParams(q=1.0, r=1.0)).message
     swing = np.sin(np.arange(n) * 2 * np.pi / 60) + 0.001 * RNG.normal(size=n)
     assert re.search(r"over less than \d+ samples does not help", allan_deviation(swing, PARAMS).message)
