@@ -11,10 +11,8 @@ from tests.support.measuring_board import MeasuringBoard
 from tests.support.program import command
 from tests.support.waiting import PATIENCE, wait_until
 
-from kalscope.cli import app as cli
 from kalscope.cli import board as calibrate
 from kalscope.cli.app import run
-from kalscope.cli.board import NONE_FOUND, ports_text
 from kalscope.sources.port.serial_port import PortInfo
 
 
@@ -79,19 +77,17 @@ def test_ctrl_c_ends_it_and_the_board_keeps_its_values(board):
 PORTS = (PortInfo("/dev/ttyS0", "", ""), PortInfo("/dev/ttyACM0", "Arduino\nUno\x1b[2J", "7533", (0x2341, 0x43)))
 
 
-def test_ports_are_a_table_that_ends_with_the_command_for_the_board():
-    table = ports_text(PORTS).splitlines()
+def test_ports_are_a_table_that_ends_with_the_command_for_the_board_or_json(monkeypatch, capsys):
+    monkeypatch.setattr(calibrate, "list_ports", lambda: ())
+    assert run(["ports"]) == 0
+    assert capsys.readouterr().out == f"{calibrate.NONE_FOUND}\n"
+    monkeypatch.setattr(calibrate, "list_ports", lambda: PORTS)
+    assert run(["ports"]) == 0
+    table = capsys.readouterr().out.splitlines()
     assert table[0].split("  ")[0] == "device"
     assert table[2].split() == ["/dev/ttyACM0", "Arduino", "Uno", "[2J", "7533"]
     assert table[-1].endswith("kalscope open serial:/dev/ttyACM0@115200")
     assert all(line.isprintable() for line in table)
-
-
-@pytest.mark.parametrize("ports", [(), PORTS])
-def test_json_holds_what_the_table_shows(monkeypatch, capsys, ports):
-    monkeypatch.setattr("kalscope.cli.board.list_ports", lambda: ports)
-    assert cli.run(["ports", "--json"]) == 0
+    assert run(["ports", "--json"]) == 0
     rows = json.loads(capsys.readouterr().out)
-    assert [(row["device"], row["serial_number"]) for row in rows] == [(p.device, p.serial_number) for p in ports]
-    assert cli.run(["ports"]) == 0
-    assert capsys.readouterr().out == (ports_text(ports) if ports else NONE_FOUND) + "\n"
+    assert [(row["device"], row["serial_number"]) for row in rows] == [(p.device, p.serial_number) for p in PORTS]

@@ -23,66 +23,52 @@ def contents(folder):
     return {path.name: path.read_text() for path in sorted(folder.iterdir())}
 
 
-def test_it_writes_what_export_tuning_says_and_lists_it(tuning_file, tmp_path, capfd):
-    out = tmp_path / "a" / "new folder"
-    assert cli.run(["export", str(tuning_file), "--to", "python", "-o", str(out)]) == 0
-    expected = export_tuning(load_tuning(tuning_file), "python")
-    assert contents(out) == expected
-    assert capfd.readouterr().out.splitlines() == [str(out / name) for name in expected]
+def test_it_writes_what_export_tuning_makes_or_prints_the_main_file(tuning_file, tmp_path, capfd):
+    tuning, out = load_tuning(tuning_file), tmp_path / "a" / "new folder"
+    files = export_tuning(tuning, "c")
+    assert exported(capfd, tuning_file, "c", "-o", str(out)) == ("".join(f"{out / name}\n" for name in files), "")
+    assert contents(out) == files
+    note = "kalscope: note: kalscope_filter.h; with -o DIR also kalscope_filter.c\n"
+    assert exported(capfd, tuning_file, "c") == (files["kalscope_filter.h"], note)
+    assert exported(capfd, tuning_file, "json") == (export_tuning(tuning, "json")["kalscope_parameters.json"], "")
 
 
-def test_without_a_folder_the_main_file_goes_to_stdout(tuning_file, capfd):
-    assert cli.run(["export", str(tuning_file), "--to", "json"]) == 0
-    shown = capfd.readouterr()
-    assert shown.out == export_tuning(load_tuning(tuning_file), "json")["kalscope_parameters.json"]
-    assert shown.err == ""
-    assert cli.run(["export", str(tuning_file), "--to", "c"]) == 0
-    shown = capfd.readouterr()
-    assert shown.out == export_tuning(load_tuning(tuning_file), "c")["kalscope_filter.h"]
-    assert shown.err == "kalscope: note: kalscope_filter.h; with -o DIR also kalscope_filter.c\n"
+def exported(capfd, path, target, *options):
+    """What the command prints and says."""
+    assert cli.run(["export", str(path), "--to", target, *options]) == 0
+    return tuple(capfd.readouterr())
 
 
-def test_a_fusion_is_exported_and_said_unless_a_channel_is_named(tmp_path, capfd):
+def test_a_fusion_is_exported_and_named_unless_a_channel_is_chosen(tmp_path, capfd):
     path, fusion = tmp_path / "tuning.toml", ChannelTuning("level", "cm", 0.01, (4.0, 9.0), sensors=("a", "b"))
     channels = (ChannelTuning("a", "cm", 0.01, 0.25), ChannelTuning("b", "cm", 0.02, 0.25))
     save_tuning(Tuning(channels, sample_period=0.01, fusion=fusion), path)
     tuning = load_tuning(path)
-    assert cli.run(["export", str(path), "--to", "json", "--sample-period", "0.02"]) == 0
-    shown = capfd.readouterr()
-    assert shown.out == export_tuning(tuning, "json", sample_period=0.02)["kalscope_parameters.json"]
-    assert "note: this is the filter that fuses a, b; --channel NAME exports that of one channel" in shown.err
-    assert cli.run(["export", str(path), "--to", "json", "--channel", "b"]) == 0
-    shown = capfd.readouterr()
-    assert (shown.out, shown.err) == (export_tuning(tuning, "json", channel="b")["kalscope_parameters.json"], "")
-    out = tmp_path / "elsewhere"
-    assert cli.run(["export", str(path), "--to", "arduino", "-o", str(out)]) == 0
-    assert "opens a sketch only from a folder of its name, as with -o" in capfd.readouterr().err
-    assert sorted(contents(out)) == ["KalscopeFusion.h", "kalscope_fusion.ino"]
+    out, err = exported(capfd, path, "json", "--sample-period", "0.02")
+    assert out == export_tuning(tuning, "json", sample_period=0.02)["kalscope_parameters.json"]
+    assert "note: this is the filter that fuses a, b; --channel NAME exports that of one channel" in err
+    one = export_tuning(tuning, "json", channel="b")["kalscope_parameters.json"]
+    assert exported(capfd, path, "json", "--channel", "b") == (one, "")
+    _, err = exported(capfd, path, "arduino", "-o", str(tmp_path / "elsewhere"))
+    assert "opens a sketch only from a folder of its name, as with -o" in err
+    assert sorted(contents(tmp_path / "elsewhere")) == ["KalscopeFusion.h", "kalscope_fusion.ino"]
 
 
-def test_q_is_carried_over_to_the_period_of_the_device(tuning_file, capfd):
-    command = ["export", str(tuning_file), "--to", "json", "--sample-period"]
-    assert cli.run([*command, "0.04"]) == 0
-    document = json.loads(capfd.readouterr().out)
+def test_q_is_carried_over_to_the_period_of_the_device(tuning_file, tmp_path, capfd):
+    document = json.loads(exported(capfd, tuning_file, "json", "--sample-period", "0.04")[0])
     assert document["sample_period_s"] == 0.04
     assert [channel["process_noise_q"] for channel in document["channels"]] == [0.04, 4.0]
     assert [channel["measurement_noise_r"] for channel in document["channels"]] == [0.25, 2.0]
     assert document["channels"][0]["found"] == "at 0.01 s: by hand; q times 4"
-    assert cli.run([*command, "0.01"]) == 0
-    assert capfd.readouterr().out == export_tuning(load_tuning(tuning_file), "json")["kalscope_parameters.json"]
-
-
-def test_a_channel_left_out_is_neither_rescaled_nor_refused(tmp_path, capfd):
-    """The momentum of a slow one becomes too long for the device."""
-    path = tmp_path / "tuning.toml"
+    same = export_tuning(load_tuning(tuning_file), "json")["kalscope_parameters.json"]
+    assert exported(capfd, tuning_file, "json", "--sample-period", "0.01") == (same, "")
+    path, options = tmp_path / "slow.toml", ("--sample-period", "0.01")  # of which the momentum becomes too long
     slow, fast = ChannelTuning("slow", "", 1e-3, 1.0, momentum=9e4), ChannelTuning("fast", "", 0.5, 1.0)
     save_tuning(Tuning((slow, fast), sample_period=1.0), path)
-    command = ["export", str(path), "--to", "json", "--sample-period", "0.01"]
-    assert cli.run(command) == 2
+    assert cli.run(["export", str(path), "--to", "json", *options]) == 2
     assert "slow cannot be filtered alike every 10 ms: momentum must" in capfd.readouterr().err
-    assert cli.run([*command, "--channel", "fast"]) == 0
-    assert json.loads(capfd.readouterr().out)["channels"][0]["process_noise_q"] == 0.005
-    assert export_tuning(load_tuning(path), "c", channel="fast", sample_period=0.01)
+    document = json.loads(exported(capfd, path, "json", *options, "--channel", "fast")[0])
+    assert document["channels"][0]["process_noise_q"] == 0.005
 
 
 def test_vectors_of_a_recording_come_along_and_another_sample_period_is_said(tuning_file, tmp_path, capfd):

@@ -58,7 +58,17 @@ MISTAKES = [
     ("tune demo --lag-ms 5 --gain 0.1", "can decide q/r (got --lag-ms and --gain)"),
     ("tune demo --r 1 --sigma 1", "can give r (got --sigma and --r)"),
     ("tune demo --density 1", "given together (got only --density)"),
-    ("tune demo --still 1-2", "--still must be FROM:TO"),
+    *(
+        ("tune log.csv --still 1-2", "--still must be FROM:TO"),
+        ("tune log.csv --still 2:1", "--still must be FROM:TO"),
+    ),
+    ("tune log.csv --still nan:1", "--still must be FROM:TO"),
+    ("tune log.csv --still 0.001:0.009", "--still must lie in the recording, 0:1.99 s (got '0.001:0.009')"),
+    ("tune restarted.csv --still 10:20", "--still must be one stretch, but time steps back in it"),
+    *(
+        (f"tune demo --two-speeds {option}", "two speeds are found with q and r")
+        for option in ("--r 1", "--gain 0.1")
+    ),
     ("tune demo --overshoot 100 --gain 0.1", "--overshoot must be a percentage of at least 0 and"),
     ("tune demo --overshoot 5 --lag-ms 90 --momentum 9", "overshoot needs a target such as a lag"),
     ("tune demo -o no/t.toml", "'no/t.toml' cannot be used: it or its folder does not exist"),
@@ -98,6 +108,7 @@ def folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Path("log.csv").write_text("time,a,b,c\n" + "".join(f"{i / 100},{i % 7},{i % 5},{i % 3}\n" for i in range(200)))
     Path("bare.csv").write_text("a\n" + "".join(f"{i * i % 11}\n" for i in range(200)))
+    Path("restarted.csv").write_text("time (s),v\n" + "".join(f"{i % 50},{i % 7}\n" for i in range(100)))
     Path("FILE").write_text("")
     singles = tuple(ChannelTuning(name, "", 0.002, r) for name, r in zip("abc", FUSION.r, strict=True))
     others = tuple(ChannelTuning(name, "", 1.0, 1.0) for name in "xy")
