@@ -16,10 +16,8 @@ from tests.support.exported_program import FUSED, build, program
 from tests.support.required import node
 from tests.support.waiting import PATIENCE
 
-from kalscope import BadSetting, ChannelTuning, FilterParams, Recording, Tuning, export_tuning, fuse
+from kalscope import BadSetting, ChannelTuning, FilterParams, Tuning, export_tuning, fuse
 from kalscope.export.float32 import filter_float32
-from kalscope.export.job import step_of
-from kalscope.export.registry import TARGETS
 
 ROWS = 300
 
@@ -61,10 +59,6 @@ def tuned(fusion):
     return Tuning((ChannelTuning(fusion.sensors[0], "", 1.0, 1.0),), sample_period=0.01, fusion=fusion)
 
 
-def exported(case, target):
-    return export_tuning(tuned(CASES[case]), target)
-
-
 def write(files, folder):
     for name, text in files.items():
         (folder / name).write_text(text, encoding="ascii")
@@ -75,7 +69,7 @@ def write(files, folder):
 
 @EACH
 def test_python_gives_the_bits_of_fuse(case, tmp_path):
-    write(exported(case, "python"), tmp_path)
+    write(export_tuning(tuned(CASES[case]), "python"), tmp_path)
     fusion, z = CASES[case], readings(4, CASES[case])
     made = runpy.run_path(str(tmp_path / "kalscope_fusion.py"))["FUSION"]
     answers = np.array([(made.update(row), made.p, *made.k) for row in np.nan_to_num(z, nan=-np.inf).tolist()])
@@ -140,7 +134,7 @@ def in_both_ways(run, z, dtype):
 
 @EACH
 def test_c_gives_the_bits_of_fuse_and_in_float_those_of_its_float32_twin(case, tmp_path):
-    fusion, z, files = CASES[case], readings(4, CASES[case]), exported(case, "c")
+    fusion, z, files = CASES[case], readings(4, CASES[case]), export_tuning(tuned(CASES[case]), "c")
     main = C_MAIN.replace("NAME", fusion.name)
     answers = in_both_ways(compiled(tmp_path, "gcc", files, main, "-std=c99"), z, np.float64)
     expected = fuse(z, fusion.params)
@@ -151,11 +145,10 @@ def test_c_gives_the_bits_of_fuse_and_in_float_those_of_its_float32_twin(case, t
 
 @EACH
 def test_cpp_gives_the_bits_of_the_float32_twin_which_stays_with_fuse(case, tmp_path):
-    fusion, z = CASES[case], readings(4, CASES[case])
+    fusion, z, files = CASES[case], readings(4, CASES[case]), export_tuning(tuned(CASES[case]), "arduino")
     main = CPP_MAIN.replace("NAME", fusion.name.upper())
-    x = in_both_ways(
-        compiled(tmp_path, "g++", exported(case, "arduino"), main, "-std=c++11", "-Wno-conversion"), z, np.float32
-    )[:, 0]
+    run = compiled(tmp_path, "g++", files, main, "-std=c++11", "-Wno-conversion")
+    x = in_both_ways(run, z, np.float32)[:, 0]
     np.testing.assert_array_equal(x, filter_float32(z, fusion.params))
     np.testing.assert_allclose(x, fuse(z, fusion.params).x, rtol=2e-5)
 
@@ -171,12 +164,14 @@ for (const [at, rows] of JSON.parse(readFileSync(0, "utf8")).entries()) {
 
 def test_javascript_gives_the_bits_of_fuse(tmp_path):
     """All cases in one process."""
-    rows = [readings(4, fusion) for fusion in CASES.values()]
-    modules = {f"{at}.mjs": text for at, case in enumerate(CASES) for text in exported(case, "javascript").values()}
-    write({**modules, "main.mjs": JAVASCRIPT_MAIN}, tmp_path)
+    rows, modules = [readings(4, fusion) for fusion in CASES.values()], {"main.mjs": JAVASCRIPT_MAIN}
+    for at, fusion in enumerate(CASES.values()):
+        (modules[f"{at}.mjs"],) = export_tuning(tuned(fusion), "javascript").values()
+    write(modules, tmp_path)
     sent = json.dumps([[[None if math.isnan(z) else z for z in row] for row in z.tolist()] for z in rows])
-    command = [node(), "main.mjs"]
-    done = subprocess.run(command, input=sent, cwd=tmp_path, check=True, capture_output=True, text=True)
+    done = subprocess.run(
+        [node(), "main.mjs"], input=sent, cwd=tmp_path, check=True, capture_output=True, text=True
+    )
     words = done.stdout.replace("NaN", "nan").replace("Infinity", "inf").split()
     answers = np.array(words, dtype=np.float64).reshape(len(CASES), ROWS, 2)
     for answer, z, (case, fusion) in zip(answers, rows, CASES.items(), strict=True):
@@ -196,24 +191,27 @@ def test_a_processor_that_could_fuse_a_multiplication_with_an_addition_does_not_
     np.testing.assert_array_equal(run(z, nobody, np.float32)[:, 0], filter_float32(z, fusion.params))
 
 
+OCTAVE = """\
+f = fopen('zAT.bin'); z = fread(f, [ROWS, SENSORS], 'double'); fclose(f); run('NAME');
+f = fopen('xAT.bin', 'w'); fwrite(f, buff_xk, 'double'); fclose(f);
+"""
+
+
 def test_octave_gives_the_bits_of_fuse(tmp_path):
-    octave, scripts = program("octave-cli"), {}
-    driver = ["no_plot = true;"]
-    for i, (case, fusion) in enumerate(CASES.items()):
-        ((name, text),) = exported(case, "matlab").items()
-        scripts[name.replace("kalman_", f"kalman_{i}_")] = text
-        readings(4, fusion).astype("<f8").T.tofile(tmp_path / f"z{i}.bin")
-        driver.append(f"f = fopen('z{i}.bin'); z = fread(f, [{ROWS}, {len(fusion.sensors)}], 'double'); fclose(f);")
-        driver.append(
-            f"run('{[*scripts][-1]}'); f = fopen('x{i}.bin', 'w'); fwrite(f, buff_xk, 'double'); fclose(f);"
-        )
-    driver.append(f"clear z; run('{next(iter(scripts))}'); printf('%d %d', numel(buff_xk), any(isnan(buff_xk)));")
+    driver, scripts = "no_plot = true;\n", {}
+    for at, fusion in enumerate(CASES.values()):
+        ((name, text),) = export_tuning(tuned(fusion), "matlab").items()
+        scripts[name := name.replace("kalman_", f"kalman_{at}_")] = text
+        readings(4, fusion).astype("<f8").T.tofile(tmp_path / f"z{at}.bin")
+        step = OCTAVE.replace("AT", str(at)).replace("ROWS", str(ROWS))
+        driver += step.replace("SENSORS", str(len(fusion.sensors))).replace("NAME", name)
+    driver += f"clear z; run('{next(iter(scripts))}'); printf('%d %d', numel(buff_xk), any(isnan(buff_xk)));"
     write(scripts, tmp_path)
-    command = [octave, "--no-gui", "--norc", "--quiet", "--eval", "\n".join(driver)]
+    command = [program("octave-cli"), "--no-gui", "--norc", "--quiet", "--eval", driver]
     done = subprocess.run(command, cwd=tmp_path, check=True, capture_output=True, text=True, timeout=PATIENCE)
     assert done.stdout.split() == ["100", "0"]
-    for i, (case, fusion) in enumerate(CASES.items()):
-        x = np.fromfile(tmp_path / f"x{i}.bin", "<f8")
+    for at, (case, fusion) in enumerate(CASES.items()):
+        x = np.fromfile(tmp_path / f"x{at}.bin", "<f8")
         np.testing.assert_array_equal(x, fuse(readings(4, fusion), fusion.params).x, err_msg=case)
 
 
@@ -228,22 +226,6 @@ def test_one_sensor_on_a_board_is_the_single_filter():
 # ---- parameters
 
 
-@EACH
-def test_json_holds_the_tuned_numbers(case):
-    fusion = CASES[case]
-    document = json.loads(*exported(case, "json").values(), parse_constant=pytest.fail)
-    assert (document["format"], document["sample_period_s"]) == ("kalscope-parameters-2", 0.01)
-    (fused,) = document["channels"]
-    keys = ("process_noise_q", "start_variance_p0", "start_value_x0", "outlier_gate")
-    assert [fused[key] for key in keys] == [fusion.q, fusion.p0, fusion.x0, fusion.gate]
-    keys = ("name", "measurement_noise_r", "offset", "gain", "share")
-    expected = zip(fusion.sensors, fusion.r, fusion.offset, fusion.gain, fusion.params.shares, strict=True)
-    assert [tuple(one[key] for key in keys) for one in fused["sensors"]] == list(expected)
-    named = step_of(fusion)
-    named.pop("momentum", None)
-    assert named.items() <= fused.get("momentum", {}).items()
-
-
 @pytest.mark.parametrize("fusion", [PAIR, replace(CASES["gains"], gate=None)], ids=["raw", "scaled"])
 def test_esphome_fuses_as_we_do_within_float32(fusion):
     (text,) = export_tuning(tuned(fusion), "esphome").values()
@@ -254,54 +236,28 @@ def test_esphome_fuses_as_we_do_within_float32(fusion):
     np.testing.assert_allclose(esphome(sensors, z), fuse(z, fusion.params).x, rtol=1e-5)
 
 
-# ---- what is refused, and what is said
+# ---- what is refused
 
 
-def test_other_refusals_say_what_helps(tmp_path):
-    many = ChannelTuning("x", "", 1.0, (1.0,) * 33, sensors=tuple(map(str, range(33))))
-    tiny = replace(PAIR, r=(1e-60, 1.0))
-    for fusion, target, message in (
-        (many, "arduino", r"1 to 6 sensors \(got 33\): take fewer, or export c"),
-        (many, "c", r"at most 32 sensors \(got 33\)"),
-        (tiny, "arduino", r"^level: r / gain² must fit float32"),
+MANY = ChannelTuning("x", "", 1.0, (1.0,) * 33, sensors=tuple(map(str, range(33))))
+
+
+@pytest.mark.parametrize(
+    ("fusion", "target", "message"),
+    [
+        (MANY, "arduino", r"1 to 6 sensors \(got 33\): take fewer, or export c"),
+        (MANY, "c", r"at most 32 sensors \(got 33\)"),
+        (replace(PAIR, r=(1e-60, 1.0)), "arduino", r"^level: r / gain² must fit float32"),
         (replace(PAIR, q=3e38, r=(3e38, 1.0)), "arduino", r"^level: q \+ r / gain² \+ p0 must fit float32"),
-    ):
-        with pytest.raises(BadSetting, match=message):
-            export_tuning(tuned(fusion), target)
-    files, main = export_tuning(tuned(tiny), "c"), C_MAIN.replace("NAME", "level")
+    ],
+)
+def test_other_refusals_say_what_helps(fusion, target, message):
+    with pytest.raises(BadSetting, match=message):
+        export_tuning(tuned(fusion), target)
+
+
+def test_c_in_float_does_not_compile_where_float_cannot_hold_the_values(tmp_path):
+    files = export_tuning(tuned(replace(PAIR, r=(1e-60, 1.0))), "c")
     with pytest.raises(subprocess.CalledProcessError) as failed:
-        compiled(tmp_path, "gcc", files, main, "-std=c99", "-DKALSCOPE_FLOAT")
+        compiled(tmp_path, "gcc", files, C_MAIN.replace("NAME", "level"), "-std=c99", "-DKALSCOPE_FLOAT")
     assert "float cannot hold the values of level" in failed.value.stderr
-
-
-@pytest.mark.parametrize("target", [name for name, each in TARGETS.items() if each.setting is None])
-def test_a_name_from_outside_stays_in_comments_and_strings(target):
-    name = '*/ #define x\n"); system("\\'
-    plain = replace(PAIR, name="level", sensors=("sonar", "float"))
-    hostile = replace(plain, name=name, unit=name, how=name, sensors=(name + "1", "float"))
-    ours, theirs = (export_tuning(tuned(each), target) for each in (plain, hostile))
-    for text in theirs.values():
-        assert text.isascii()
-        assert not any(line.endswith("\\") for line in text.splitlines())
-    if target != "json":  # which has no comments, and strings of any text
-        assert not any("#define x" in text for text in theirs.values())
-        assert [len(t.splitlines()) for t in theirs.values()] == [len(t.splitlines()) for t in ours.values()]
-
-
-# ---- test vectors, and which filter is meant
-
-
-def test_vectors_have_a_column_a_sensor_and_read_back_bit_for_bit():
-    fusion = CASES["momentum"]
-    z = readings(4, fusion)
-    values = np.column_stack([z[:, 1], z[:, 0]])  # in another order than the sensors
-    recording = Recording(np.arange(ROWS) * 0.01, ("float", "sonar"), ("", ""), values, 0.01)
-    text = export_tuning(tuned(fusion), "json", vectors=recording)["groundtruth.csv"]
-    assert text.splitlines()[0] == "time,sonar,ch_float,filtered,variance,velocity"
-    table = np.array([[float(word) for word in line.split(",")] for line in text.splitlines()[1:]])
-    expected = fuse(z, fusion.params)
-    np.testing.assert_array_equal(table[:, 1:3], z)
-    np.testing.assert_array_equal(table[:, 3:], np.column_stack([expected.x, expected.p, expected.velocity]))
-    other = Recording(recording.time, ("float",), ("",), values[:, :1], 0.01)
-    with pytest.raises(BadSetting, match="sonar"):
-        export_tuning(tuned(fusion), "json", vectors=other)
