@@ -41,12 +41,9 @@ def state():
 
 
 def test_one_sensor_and_sensors_of_two_units_are_refused():
-    state = opened(recording())
-    assert changes.readings_of(state, ("a", "c")) == [0, 2]
-    with pytest.raises(BadSetting, match="tick 2 to"):
-        changes.readings_of(state, ("a",))
-    with pytest.raises(BadSetting, match="one unit"):
-        changes.readings_of(state, ("a", "t"))
+    for sensors, why in (("a",), "tick 2 to"), (("a", "t"), "one unit"):
+        with pytest.raises(BadSetting, match=why):
+            changes.readings_of(opened(recording()), sensors)
 
 
 def test_fused_sensors_are_on_screen_in_place_of_the_channel(state):
@@ -78,10 +75,9 @@ def test_noise_and_offset_of_a_sensor_are_typed(state):
     assert (typed.fusion.tuning.r[2], typed.fusion.tuning.offset[2]) == (9.0, 2.5)
     assert changes.set_sensor_text("c", "offset", " ")(typed).fusion.tuning.offset[2] == 0.0
     assert changes.set_sensor_text("c", "r", "9")(typed) is typed
-    with pytest.raises(BadSetting, match="r of c"):
-        changes.set_sensor_text("c", "r", "much")(state)
-    with pytest.raises(BadSetting):
-        changes.set_sensor_text("c", "r", "-1")(state)
+    for text in ("much", "-1"):
+        with pytest.raises(BadSetting, match="r of c|r must be"):
+            changes.set_sensor_text("c", "r", text)(state)
 
 
 def test_q_momentum_and_gate_are_those_of_the_fused_filter_while_it_is_on_screen(state):
@@ -100,9 +96,7 @@ def test_q_momentum_and_gate_are_those_of_the_fused_filter_while_it_is_on_screen
 def test_a_channel_and_the_fused_value_are_chosen_by_name(state):
     alone = select_channel("b")(state)
     assert (alone.fusion, alone.fused, alone.measured) == (None, state.fusion, ("b",))
-    back = select_channel("fused")(alone)
-    assert back.measured == SENSORS
-    assert (select_channel("fused")(back), select_channel("b")(alone)) == (back, alone)
+    assert select_channel("fused")(alone).measured == SENSORS
     with pytest.raises(BadSetting):
         select_channel("fused")(stop_fusing(state))
 
@@ -128,13 +122,8 @@ def test_the_tuning_file_holds_the_sensors_that_take_part_and_opens_fused(state,
     again = adapted(opened_raw(recording()), load_tuning(tmp_path / "t.toml"))
     assert again.fusion.tuning == without.fusion.used
     assert np.array_equal(compute_frame(again).filtered, compute_frame(without).filtered)
-
-
-def test_a_file_whose_sensors_are_missing_says_so_and_keeps_the_channels(state):
-    rec = recording(("a", "x"), ("mm", "mm"))
-    again = adapted(opened_raw(rec), state.as_tuning())
-    assert again.fusion is None
-    assert "not all here" in again.note
+    other = adapted(opened_raw(recording(("a", "x"), ("mm", "mm"))), state.as_tuning())
+    assert (other.fusion, "not all here" in other.note) == (None, True)
 
 
 def test_a_recording_of_the_same_sensors_stays_fused_and_another_one_not(state):
@@ -142,8 +131,7 @@ def test_a_recording_of_the_same_sensors_stays_fused_and_another_one_not(state):
     other = opened(recording(("a", "b"), ("mm", "mm")), state)
     assert (other.fusion, other.fused, other.shows_fused) == (None, None, False)
     late = apply_fusion(state.recording, SENSORS, params(), "")(other)
-    assert late.settings == other.settings
-    assert "another recording" in late.note
+    assert (late.settings, "another recording" in late.note) == (other.settings, True)
 
 
 def test_of_a_live_record_only_new_rows_are_fused_and_the_line_is_that_of_all(monkeypatch):
@@ -158,7 +146,6 @@ def test_of_a_live_record_only_new_rows_are_fused_and_the_line_is_that_of_all(mo
         whole = fuse(board.values, params()).x
         assert np.array_equal(compute_frame(changes.set_span("all")(state), runs=runs).filtered, whole[first:])
     assert taken == [500, 20, 7, 0]
-    assert state.fusion is not None
 
 
 def test_sensors_of_other_units_are_fused_by_a_file_and_drawn_on_the_scale_of_the_quantity():

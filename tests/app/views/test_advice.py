@@ -4,22 +4,18 @@ from __future__ import annotations
 
 import typing
 from dataclasses import replace
-from types import SimpleNamespace
-from unittest.mock import MagicMock
 
 import numpy as np
 import pytest
 
 from kalscope import Recording, estimate, open_source, steady_state
 from kalscope.analysis import actions
-from kalscope.analysis.findings import Finding
-from kalscope.analysis.judge import Judgement
 from kalscope.estimation.request import FitResult, Noise, Request, find_parameters
 from kalscope_app.session.changes import apply_found
 from kalscope_app.session.opening import opened
 from kalscope_app.session.session import Session, undo
 from kalscope_app.studies.checks import compute_checks
-from kalscope_app.views.checks import COLOURS, UNJUDGED, VerdictView, label_of, take
+from kalscope_app.views.checks import label_of, take
 from kalscope_app.views.goal import SEARCH_METHODS
 
 EXAMPLES = {
@@ -83,11 +79,12 @@ def test_a_button_changes_something_in_one_step_that_undo_takes_back(state, acti
 
 
 def test_the_values_are_those_of_the_advice(state):
-    scaled = taken(actions.Scale(10.0, 0.5), state)[0].tuning
-    assert (scaled.q, scaled.r, scaled.how) == (20.0, 2.5, "by hand")
-    assert taken(actions.SetGate(4.0), state)[0].tuning.gate == 16.0
-    start = taken(actions.UnsetStart(), state)[0].tuning
-    assert (start.p0, start.x0) == (None, None)
+    for action, values in (
+        (actions.Scale(10.0, 0.5), {"q": 20.0, "r": 2.5, "how": "by hand"}),
+        (actions.SetGate(4.0), {"gate": 16.0}),
+        (actions.UnsetStart(), {"p0": None, "x0": None}),
+    ):
+        assert taken(action, state)[0].tuning == replace(state.tuning, **values)
     (request,) = taken(actions.UseStillStretch(100, 301), state)[1]
     assert request.noise == Noise(still=(100, 301))
 
@@ -100,51 +97,21 @@ def test_advice_on_another_recording_is_not_taken(state):
 
 def test_momentum_is_advised_where_it_helps_and_added_at_the_lag_on_screen():
     demo = opened(open_source("demo"))
-    assert not any(isinstance(one.action, actions.AddMomentum) for one in compute_checks(demo).judgement.findings)
     off = demo.with_tuning(momentum=0.0, q=300.0)
-    advice = compute_checks(off).urgent.findings[0]
-    assert advice.text.startswith("with momentum the errors at the same lag would be")
-    (request,) = taken(advice.action, off)[1]
+    far = demo.with_tuning(momentum=0.0, q=10.0)  # at this lag momentum would go too far at every turn
+    advised = [[type(one.action) for one in compute_checks(state).urgent.findings] for state in (demo, far, off)]
+    assert [actions.AddMomentum in advice for advice in advised] == [False, False, True]
+    (request,) = taken(compute_checks(off).urgent.findings[0].action, off)[1]
     found = find_parameters(off.z, request, sample_period=0.02)
     assert found.params.momentum == pytest.approx(demo.tuning.momentum)
     assert steady_state(found.params).lag_samples == pytest.approx(steady_state(off.params).lag_samples)
-    far = demo.with_tuning(momentum=0.0, q=10.0)  # at this lag momentum would go too far at every turn
-    assert not any(isinstance(one.action, actions.AddMomentum) for one in compute_checks(far).urgent.findings)
 
 
 def test_after_a_search_without_a_pair_the_panel_says_what_else_gives_one(state):
     lost = estimate(np.arange(200.0) ** 2)
     assert lost.verdict == "no_noise"
     failed = apply_found(state.recording, "a", FitResult(None, "maximum likelihood", "No noise.", lost))(state)
-    checks = compute_checks(failed, lambda _state: (100, 301))
-    assert checks.urgent is checks.search
-    assert checks.urgent.status == "no_pair"
-    assert checks.urgent.findings[0].action == actions.UseStillStretch(100, 301)
-    without = compute_checks(failed).urgent
+    urgent, without = compute_checks(failed, lambda _state: (100, 301)).urgent, compute_checks(failed).urgent
+    assert (urgent.status, urgent.findings[0].action) == ("no_pair", actions.UseStillStretch(100, 301))
     assert without.findings[0].action == actions.GiveNoise()
-    assert compute_checks(state).search is None
     assert compute_checks(failed.with_tuning(q=7.0)).search is None  # the user has gone on
-
-
-def test_the_header_shows_one_word_the_headline_and_a_button_for_what_can_be_done(state):
-    gui, checks = MagicMock(), compute_checks(state)
-    for add in (gui.add_markdown, gui.add_button):
-        add.side_effect = lambda *_args, **_values: SimpleNamespace(on_click=MagicMock(), visible=False)
-    view = VerdictView(gui, Session(state))
-    view.build_reasons(gui)
-    gate, longer = actions.SetGate(4.0), actions.RecordLonger()
-    advice = Finding("spikes", "spikes: 3", gate), Finding("too_few", "too few", longer)
-    bad = Judgement(status="spikes", headline="Spikes mislead the fit.", findings=advice, word="spikes", tone="bad")
-    view.show_checks(replace(checks, judgement=bad))
-    assert (view._word.label, view._word.color) == ("spikes", COLOURS["bad"])
-    assert view._headline.content == "**Spikes mislead the fit.**"
-    first, second = view._advice
-    assert (first._text.content, first._button.label) == ("Spikes: 3.", "Switch the gate on (4 σ)")
-    assert [row._text.visible for row in (first, second)] == [True, True]
-    assert [row._button.visible for row in (first, second)] == [True, False]
-    good = Judgement(status="fits", headline="It fits.", word="fits", tone="good")
-    view.show_checks(replace(checks, judgement=good))
-    assert (view._word.label, view._word.color) == ("fits", COLOURS["good"])
-    assert not any(row._text.visible or row._button.visible for row in (first, second))
-    view.show_checks(None)
-    assert (view._word.label, view._headline.content) == ("no verdict", UNJUDGED)

@@ -13,77 +13,45 @@ NAN, INF = math.nan, math.inf
 
 
 @pytest.mark.parametrize(
-    ("y", "drawn"),
+    ("x", "y", "drawn"),
     [
-        ([NAN, 2, 3], [2, 2, 3]),
-        ([1, NAN, 3], [1, 1, 3]),
-        ([1, 2, NAN], [1, 2, 2]),
-        ([INF, 2, -INF], [2, 2, 2]),
-        ([NAN, NAN, NAN], [0, 0, 0]),
+        ([0, 1, 2], [NAN, 2, 3], [2, 2, 3]),
+        ([0, 1, 2], [1, NAN, 3], [1, 1, 3]),
+        ([0, 1, 2], [1, 2, NAN], [1, 2, 2]),
+        ([0, 1, 2], [INF, 2, -INF], [2, 2, 2]),
+        ([0, 1, 2], [NAN, NAN, NAN], [0, 0, 0]),
+        ([], [], [0, 0]),
+        ([5], [7], [7, 7]),
     ],
 )
-def test_every_y_becomes_finite(y, drawn):
-    x, seen = drawable(np.arange(3.0), [np.array(y, dtype=float)])
+def test_every_y_becomes_finite_and_every_record_a_line(x, y, drawn):
+    places, seen = drawable(np.array(x, dtype=float), [np.array(y, dtype=float)])
     assert seen.tolist() == drawn
-    assert x.tolist() == [0, 1, 2]
+    assert places.tolist() == {0: [0, 1], 1: [5, 6]}.get(len(x), x)
 
 
-def test_nothing_and_a_single_point_become_a_line():
-    x, y = drawable(np.empty(0), [np.empty(0)])
-    assert (x.tolist(), y.tolist()) == ([0, 1], [0, 0])
-    x, y = drawable(np.array([5.0]), [np.array([7.0])])
-    assert (x.tolist(), y.tolist()) == ([5, 6], [7, 7])
-
-
-@pytest.mark.parametrize(
-    ("largest", "unit", "factor", "shown"),
-    [
-        (3.3, "V", 1.0, "V"),
-        (0.012, "V", 1e3, "mV"),
-        (2e5, "Pa", 1e-3, "kPa"),
-        (2e-6, "counts", 1e6, "1e-6 counts"),
-        (5e-5, "", 1e6, "1e-6"),
-        (0.3, "V", 1e3, "mV"),
-        (0.04, "", 1e3, "1e-3"),
-        (0.0, "V", 1.0, "V"),
-        (1e-300, "V", 1e300, "1e-300 V"),
-        (1023.0, "counts", 1.0, "counts"),
-    ],
-)
-def test_small_and_large_signals_are_brought_to_readable_numbers(largest, unit, factor, shown):
-    scale = scale_for(np.array([0.0, -largest, NAN]), unit)
-    assert scale.factor == pytest.approx(factor)
-    assert scale.unit == shown
-
-
-@pytest.mark.parametrize(
-    ("span", "period", "unit"),
-    [
-        (0.5, 1e-3, "s"),
-        (0.03, 1e-3, "ms"),
-        (300.0, 0.01, "min"),
-        (86400.0, 60.0, "h"),
-        (3e9, 3e7, "years"),
-        (1e-9, 1e-12, "ms"),
-        (100.0, None, "samples"),
-    ],
-)
-def test_time_is_shown_in_the_unit_that_suits_it(span, period, unit):
-    assert time_scale_for(span, period).unit == unit
+def test_small_and_large_signals_and_spans_are_brought_to_readable_numbers():
+    for largest, unit, factor, shown in (
+        *((3.3, "V", 1.0, "V"), (0.012, "V", 1e3, "mV"), (0.3, "V", 1e3, "mV"), (2e5, "Pa", 1e-3, "kPa")),
+        *((2e-6, "counts", 1e6, "1e-6 counts"), (5e-5, "", 1e6, "1e-6"), (0.04, "", 1e3, "1e-3")),
+        *((0.0, "V", 1.0, "V"), (1e-300, "V", 1e300, "1e-300 V"), (1023.0, "counts", 1.0, "counts")),
+    ):
+        scale = scale_for(np.array([0.0, -largest, NAN]), unit)
+        assert (scale.factor, scale.unit) == (pytest.approx(factor), shown)
+    for span, period, unit in (
+        *((0.5, 1e-3, "s"), (0.03, 1e-3, "ms"), (300.0, 0.01, "min"), (86400.0, 60.0, "h")),
+        *((3e9, 3e7, "years"), (1e-9, 1e-12, "ms"), (100.0, None, "samples")),
+    ):
+        assert time_scale_for(span, period).unit == unit
 
 
 @pytest.mark.parametrize(
     ("first", "last", "text"),
     [
-        (-0.000446, 4.5501, "0 to 4.55"),
-        (0.007, 4.9851, "0.007 to 4.99"),
-        (0.0, 35.6123, "0 to 35.6"),
-        (22.2221, 22.2263, "22.2221 to 22.2263"),
-        (0.0, 0.0390625, "0 to 0.0391"),
+        *((-0.000446, 4.5501, "0 to 4.55"), (0.007, 4.9851, "0.007 to 4.99"), (0.0, 35.6123, "0 to 35.6")),
+        *((22.2221, 22.2263, "22.2221 to 22.2263"), (0.0, 0.0390625, "0 to 0.0391"), (5.0, 5.0, "5 to 5")),
         (1_234_567.0, 1_234_568.0, "1.234567e6 to 1.234568e6"),
-        (5.0, 5.0, "5 to 5"),
-        (0.0, 1e-310, "0 to 1e-310"),
-        (-1.7e308, 1.7e308, "−1.7e308 to 1.7e308"),
+        *((0.0, 1e-310, "0 to 1e-310"), (-1.7e308, 1.7e308, "−1.7e308 to 1.7e308")),
     ],
 )
 def test_the_ends_of_the_view_are_told_apart_and_no_longer_than_that(first, last, text):

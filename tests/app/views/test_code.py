@@ -16,17 +16,8 @@ from kalscope.estimation.request import Noise, Request, find_parameters
 from kalscope_app.session.changes import apply_found, pin_present, set_text, share_line
 from kalscope_app.session.opening import opened, opened_experiment
 from kalscope_app.session.session import History, record, step
-from kalscope_app.views.export import (
-    GAPS,
-    TITLES,
-    Choice,
-    device_notes,
-    files_of,
-    html_report,
-    limits_text,
-    packed,
-    shared_page,
-)
+from kalscope_app.views import export
+from kalscope_app.views.export import Choice, files_of, limits_text
 
 
 @pytest.fixture
@@ -41,16 +32,19 @@ def undated(files):
     return {name: re.sub(r"\d{4}-\d\d-\d\dT[\d:]+Z", "", text) for name, text in files.items()}
 
 
-@pytest.mark.parametrize("target", sorted(set(TITLES.values()) - {"one-euro"}))
-def test_the_files_are_those_of_the_setting_on_screen(state, target):
-    for name, choice in (("a", Choice(target)), (None, Choice(target, all_channels=True))):
-        assert undated(files_of(state, choice)) == undated(export_tuning(state.as_tuning(), target, channel=name))
-
-
-def test_another_period_of_the_device_carries_q_over(state):
-    (text,) = files_of(state, Choice("json", period=" 0,02 ")).values()
-    assert '"process_noise_q": 0.08' in text
-    assert "at 0.005 s: by hand; q times 4" in text
+@pytest.mark.slow
+def test_the_files_are_those_of_the_setting_on_screen(state):
+    for target in set(export.TITLES.values()) - {"one-euro"}:
+        for choice, how in (
+            (Choice(target), {"channel": "a"}),
+            (Choice(target, all_channels=True), {"channel": None}),
+            (Choice(target, period=" 0,02 "), {"channel": "a", "sample_period": 0.02}),
+        ):
+            assert undated(files_of(state, choice)) == undated(export_tuning(state.as_tuning(), target, **how))
+    choice = Choice("arduino", calibration=True)
+    expected = export_tuning(state.as_tuning(), "arduino", channel="a", calibration=True)
+    assert undated(files_of(state, choice)) == undated(expected)
+    assert "r of a must be above 0 for a sketch that measures it" in limits_text(state.with_tuning(r=0.0), choice)
 
 
 def test_what_differs_on_a_device_is_told_of_what_is_chosen(state):
@@ -67,57 +61,45 @@ def test_what_differs_on_a_device_is_told_of_what_is_chosen(state):
     assert limits_text(small, Choice("c")) == limits_text(volts, Choice("c")) == ""
     uneven = replace(state.recording, time=state.recording.time + (np.arange(300) > 100) * 1.0, gaps="dt")
     for recording, told in ((uneven, True), (replace(uneven, gaps="rows"), False)):
-        assert (GAPS in limits_text(replace(state, recording=recording))) is told
+        assert (export.GAPS in limits_text(replace(state, recording=recording))) is told
 
 
 def test_one_file_is_sent_as_it_is_and_several_as_a_zip(state):
-    assert packed("json", {"a.json": "{}"}) == ("a.json", b"{}")
+    assert export.packed("json", {"a.json": "{}"}) == ("a.json", b"{}")
     files = files_of(state, Choice())
-    name, content = packed("arduino", files)
+    name, content = export.packed("arduino", files)
     with zipfile.ZipFile(io.BytesIO(content)) as archive:
         found = {one: archive.read(one).decode() for one in archive.namelist()}
     assert found == {f"kalscope_filter/{one}": text for one, text in files.items()}, "as the Arduino IDE opens it"
     assert name == "kalscope_filter.zip"
-    assert packed("json", {"a": "", "b": ""})[0] == "kalscope-json.zip"
+    assert export.packed("json", {"a": "", "b": ""})[0] == "kalscope-json.zip"
 
 
 def test_the_lag_at_the_period_of_the_device_is_shown(state):
     request = Request(target={"lag_s": 0.05}, noise=Noise(r=state.tuning.r))
     answer = find_parameters(state.z, request, sample_period=state.recording.sample_period)
     found = apply_found(state.recording, state.channel, answer)(state)
-    assert device_notes(found, Choice()) == "Lag **50 ms** at 5 ms per sample."
-    slower = device_notes(found, Choice("c", period="0.01"))
+    assert export.device_notes(found, Choice()) == "Lag **50 ms** at 5 ms per sample."
+    slower = export.device_notes(found, Choice("c", period="0.01"))
     assert re.fullmatch(r"Lag \*\*(6\d|7\d)[.\d]* ms\*\* at 10 ms per sample\.", slower)
     untimed = replace(state, recording=replace(state.recording, sample_period=None))
-    assert device_notes(untimed) == ""
-    for one in (
-        device_notes(state, Choice(period="often")),
-        device_notes(opened_experiment("generalized_figure_8")),
-    ):
-        assert "Lag" not in one
+    assert export.device_notes(untimed) == ""
+    assert "Lag" not in export.device_notes(state, Choice(period="often"))
 
 
 @pytest.mark.slow
 def test_the_report_of_the_dashboard_reopens_without_a_file_and_has_the_pins(state):
     pinned = set_text("q", "0.5")(pin_present(state))
-    text = html_report(pinned).decode()
+    text = export.html_report(pinned).decode()
     assert html.escape(share_line(pinned).line) in text
     assert "tuning.toml" not in text
     assert "<td>A</td><td>0.0200</td>" in text
-    assert b'"q": 0.5' in shared_page(pinned)
+    assert b'"q": 0.5' in export.shared_page(pinned)
     with pytest.raises(BadSetting, match="choose the Kalman filter"):
-        html_report(opened_experiment("generalized_figure_8"))
+        export.html_report(opened_experiment("generalized_figure_8"))
 
 
 def test_undo_brings_no_earlier_sending_back(state):
     before, present = replace(state, sent="first"), replace(set_text("q", "0.5")(state), sent="second")
     history = record(History(), before, present, "", 0.0)
     assert step(history, present, back=True)[1].sent == "second"
-
-
-def test_a_sketch_that_measures_is_that_of_the_command_line(state):
-    choice = Choice("arduino", calibration=True)
-    expected = export_tuning(state.as_tuning(), "arduino", channel="a", calibration=True)
-    assert undated(files_of(state, choice)) == undated(expected)
-    assert "KalscopeCalibration.h" in expected
-    assert "r of a must be above 0 for a sketch that measures it" in limits_text(state.with_tuning(r=0.0), choice)

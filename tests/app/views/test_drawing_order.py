@@ -99,14 +99,8 @@ def test_the_other_parts_bring_the_rest_and_all_points(watched):
     for some, every in zip(moving, whole, strict=True):  # what was drawn before stays where it was
         assert np.array_equal(some, every[kept], equal_nan=True)
     assert (moving[0][0], moving[0][-1]) == (whole[0][0], whole[0][-1])
-
-
-def test_a_frame_that_is_drawn_already_sends_nothing_new(watched):
-    watched.turn(set_text("q", "0.5"))
-    watched.show(*DELAYS)
-    for parts in (DELAYS, Part, (Part.FULL,)):
-        sent = watched.show(*parts)
-        assert [message for message in sent if isinstance(message, GuiUpdateMessage)] == []
+    for parts in (DELAYS, Part, (Part.FULL,)):  # what is drawn already is not sent again
+        assert [message for message in watched.show(*parts) if isinstance(message, GuiUpdateMessage)] == []
 
 
 def test_what_is_no_move_comes_as_one_batch(watched):
@@ -126,8 +120,8 @@ def frame_of(n, *, truth=False, missing=0.0):
     return compute_frame(opened(Recording(np.arange(n) * 0.01, ("z",), ("V",), z[:, None], 0.01, truth=clean)))
 
 
-@pytest.mark.parametrize("n", [2100, 4000, 4001, 50_000, 300_000])
-@pytest.mark.parametrize("truth", [False, True])
+@pytest.mark.slow
+@pytest.mark.parametrize(("n", "truth"), [(2100, True), (4000, False), (4001, True), (300_000, False)])
 def test_the_ends_and_the_extremes_stay(n, truth):
     frame = frame_of(n, truth=truth)
     places = places_to_keep(frame, Cache())
@@ -139,15 +133,11 @@ def test_the_ends_and_the_extremes_stay(n, truth):
     assert (low[places].min(), high[places].max()) == (low.min(), high.max())
 
 
-@pytest.mark.parametrize(("n", "missing"), [(2, 0.0), (2000, 0.0), (50_000, 0.01)])
-def test_samples_that_can_be_seen_one_by_one_all_stay(n, missing):
-    frame = frame_of(n, missing=missing)
-    assert places_to_keep(frame, Cache()) is None
-    assert places_to_keep(replace(frame_of(5000), set_aside=frame.filtered), Cache()) is None  # so do rings
-
-
-def test_the_points_are_chosen_once_for_a_view():
+def test_samples_that_can_be_seen_one_by_one_all_stay_and_the_points_are_chosen_once_for_a_view():
+    for n, missing in (2, 0.0), (2000, 0.0), (50_000, 0.01):
+        assert places_to_keep(frame_of(n, missing=missing), Cache()) is None
     frame, kept = frame_of(5000), Cache()
+    assert places_to_keep(replace(frame, set_aside=frame.filtered), Cache()) is None  # so do rings
     places = places_to_keep(frame, kept)
     assert places_to_keep(replace(frame, filtered=2.0 * frame.filtered), kept) is places
     assert places_to_keep(frame_of(6000), kept) is not places

@@ -8,25 +8,15 @@ import pytest
 from kalscope import BadSetting, FilterParams, Recording, estimate, steady_state
 from kalscope.common.text import percent
 from kalscope.estimation.request import FitResult, find_parameters, proposed_lag
-from kalscope_app.session.changes import apply_found, select_channel, set_text
+from kalscope_app.session.changes import apply_found, select_channel
 from kalscope_app.session.opening import opened
-from kalscope_app.studies.checks import compute_checks
-from kalscope_app.views.checks import correlation_lines, table
-from kalscope_app.views.goal import (
-    SEARCH_METHODS,
-    account_text,
-    answer_text,
-    costs_of,
-    method_of,
-    settings_of,
-    settings_text,
-)
+from kalscope_app.views import goal
+from kalscope_app.views.goal import SEARCH_METHODS, answer_text, method_of, settings_of
 
 
-def recording(n=2000, q=0.05, r=1.0, period=0.01, seed=0):
+def recording(n=2000, period=0.01, seed=0):
     g = np.random.default_rng(seed)
-    walk = np.cumsum(g.normal(0, np.sqrt(q), (n, 2)), axis=0)
-    values = walk + g.normal(0, np.sqrt(r), (n, 2))
+    values = np.cumsum(g.normal(0, np.sqrt(0.05), (n, 2)), axis=0) + g.normal(size=(n, 2))
     return Recording(np.arange(n) * (period or 1.0), ("a", "b"), ("V", "V"), values, period)
 
 
@@ -42,19 +32,30 @@ def search(state, way, text=""):
 
 
 @pytest.mark.parametrize(
-    ("way", "text", "field", "value"),
+    ("way", "text", "field", "value", "refused"),
     [
-        ("maximum lag", "50,5", "lag_s", 0.0505),
-        ("cut-off frequency", "3", "cutoff_hz", 3.0),
-        ("noise reduction", "12", "noise_reduction_db", 12.0),
-        ("gain K", "0.1", "gain", 0.1),
+        ("maximum lag", "50,5", "lag_s", 0.0505, "-5"),
+        ("cut-off frequency", "3", "cutoff_hz", 3.0, "51"),
+        ("noise reduction", "12", "noise_reduction_db", 12.0, ""),
+        ("gain K", "0.1", "gain", 0.1, "1"),
     ],
 )
-def test_a_goal_is_met_exactly_and_r_comes_from_the_recording(state, way, text, field, value):
+def test_a_goal_is_met_exactly_and_r_comes_from_the_recording(state, way, text, field, value, refused):
     found = search(state, way, text)
     assert getattr(steady_state(found.params, 0.01), field) == pytest.approx(value)
     assert found.params.r == estimate(state.z, momentum=0.0).r
     assert search(state.with_tuning(r=7.0), way, text).params == found.params  # whatever was there before
+    with pytest.raises(BadSetting):
+        search(state, way, refused)
+
+
+def test_every_way_without_a_box_answers_and_the_others_need_their_number(state):
+    for way, method in SEARCH_METHODS.items():
+        if method.label:
+            with pytest.raises(BadSetting):
+                search(state, way)
+        else:
+            assert search(state.with_view(window=(10.0, 15.0)), way).params is not None
 
 
 def test_what_is_known_about_the_noise_holds_for_the_next_goal(state):
@@ -73,18 +74,18 @@ def test_the_answer_is_one_sentence_with_what_it_costs_and_what_has_changed(stat
     found = search(state, "maximum lag", "20")  # two samples: K = 1/3, and K/(2 − K) = 1/5 of the variance is left
     text = plain(answer_text(apply_found(state.recording, "a", found)(state)))
     assert text.startswith("Lag **20 ms** leaves **45 % of the noise** (−6.99 dB). Before: 95.1 ms, 22 %. Changed:")
-    assert "|" not in text
     assert "overshoot" not in text
-    other = search(state, "gain K", "0.5")  # lag of one sample, a third of the variance
-    text = plain(answer_text(apply_found(state.recording, "a", other)(state)))
-    assert text.startswith("The gain 0.5: lag **10 ms** leaves **58 % of the noise** (−4.77 dB).")
+    found = FitResult(FilterParams(1.0, 2.0, momentum=24.0), "maximum likelihood", "Found.")
+    text = plain(answer_text(apply_found(state.recording, "a", found)(state)))
+    assert "momentum off → 240 ms" in text
+    assert f"A step overshoots by {plain(percent(float(steady_state(found.params).overshoot)))}." in text
 
 
 def test_the_lag_is_first_that_of_the_medium_setting_in_a_unit_that_suits_it():
     units = {None: "samples", 0.002: "ms", 0.1: "ms", 10.0: "s", 240.0: "min", 31557600.0: "years"}
     for period, unit in units.items():
         state = opened(recording(period=period))
-        lag = proposed_lag(costs_of(state), state.tuning.params)
+        lag = proposed_lag(goal.costs_of(state), state.tuning.params)
         assert 0.5 < lag < 10.0
         method = method_of(state)
         assert method.label == f"lag ({unit})"
@@ -99,40 +100,7 @@ def test_three_settings_are_offered_where_the_best_fit_hardly_filters():
     assert settings_of(still) == {}
     lost = [one.movement_lost for one in settings_of(moving).values()]
     assert (list(settings_of(moving)), lost) == (["light", "medium", "strong"], sorted(lost))
-    assert (settings_text(still), settings_text(moving).count("\n|")) == ("", 5)
-
-
-def test_the_answer_says_what_momentum_costs(state):
-    found = FitResult(FilterParams(1.0, 2.0, momentum=24.0), "maximum likelihood", "Found.")
-    text = answer_text(apply_found(state.recording, "a", found)(state))
-    overshoot = percent(float(steady_state(found.params).overshoot))
-    assert "momentum off → 240 ms" in plain(text)
-    assert f"A step overshoots by {overshoot}." in text
-
-
-WITHOUT_BOX = [way for way, method in SEARCH_METHODS.items() if not method.label]
-
-
-@pytest.mark.parametrize("way", WITHOUT_BOX)
-def test_every_way_without_a_box_answers(way):
-    found = search(opened(recording()).with_view(window=(10.0, 15.0)), way)
-    assert found.params is not None
-    assert found.message
-
-
-@pytest.mark.parametrize(
-    ("way", "text"),
-    [
-        ("maximum lag", "-5"),
-        ("gain K", "1"),
-        ("cut-off frequency", "51"),
-        ("data sheet σ, fit q", ""),
-        ("a still stretch, fit q", ""),
-    ],
-)
-def test_what_cannot_be_meant_is_refused(state, way, text):
-    with pytest.raises(BadSetting):
-        search(state, way, text)
+    assert (goal.settings_text(still), goal.settings_text(moving).count("\n|")) == ("", 5)
 
 
 def test_a_late_answer_goes_to_its_own_channel_or_nowhere(state):
@@ -148,18 +116,8 @@ def test_a_late_answer_goes_to_its_own_channel_or_nowhere(state):
 def test_the_account_of_an_estimate_stands_apart_from_its_short_answer(state):
     fitted = search(state, "best fit")
     applied = apply_found(state.recording, "a", fitted)(state)
-    assert account_text(applied) == account_text(state) == fitted.message  # it is the first answer, too
+    assert goal.account_text(applied) == goal.account_text(state) == fitted.message  # it is the first answer, too
     assert fitted.message not in answer_text(applied)
     assert answer_text(applied).endswith("More in “More settings and numbers”.")
     chosen = apply_found(state.recording, "a", search(state, "maximum lag", "50"))(state)
-    assert (account_text(chosen), "More settings" in answer_text(chosen)) == ("", False)
-
-
-def test_checks_say_too_slow_and_how_much(state):
-    checks = compute_checks(set_text("q", "0.0005")(set_text("r", "1")(state)))
-    assert "raise q" in checks.all_samples.advice
-    assert table(checks).count("\n|") >= 8
-    lags, lines = correlation_lines(checks)
-    low, high, correlation = (one.y for one in lines)
-    assert lags[0] == 1
-    assert correlation[0] > high[0] > 0 > low[0]
+    assert (goal.account_text(chosen), "More settings" in answer_text(chosen)) == ("", False)

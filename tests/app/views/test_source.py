@@ -1,18 +1,103 @@
-"""The Source tab without a browser: which port it shows, what it calls a re-creation."""
+"""The Source tab without a browser: how a file was read, other options, the question, the ports."""
 
 from __future__ import annotations
 
 import threading
+from dataclasses import replace
 
+import numpy as np
 import pytest
 from tests.support.waiting import PATIENCE
 
+from kalscope.errors import BadSetting
 from kalscope.papers.reproduction import list_experiments
+from kalscope.recording import Assumption, LineIssue, ReadReport, Recording
+from kalscope.sources.grammar.read_options import options_from_text
 from kalscope.sources.samples import list_samples
 from kalscope.sources.synthetic import SHAPES
+from kalscope_app.engine.frame import compute_frame
 from kalscope_app.engine.jobs import Jobs
+from kalscope_app.session.opening import opened
 from kalscope_app.views.live import TYPED, port_to_show
-from kalscope_app.views.source import specs_by_label
+from kalscope_app.views.signal import heading_of
+from kalscope_app.views.source import import_summary, options_of, question_about, specs_by_label, words_of
+
+
+def test_the_box_shows_what_was_decided_and_reads_it_the_same_and_what_is_no_option_is_refused():
+    for given in (
+        {},
+        {"delimiter": "tab", "decimal": "comma", "time_column": "3", "time_unit": "millis", "rate": "250"},
+        {"time_column": "none", "header_row": "0", "unit_row": "2", "gaps": "dt", "part": "/imu"},
+        {"time_format": "%d.%m.%Y %H:%M", "day_first": False},
+        {"missing": ["no data", "-200", "it's", "\\N", "#N/A"]},
+    ):
+        options = options_from_text(**given)
+        assert options_of(words_of(options)) == options
+    for text, refusal in (
+        ("--speed 3", "import options must be some of --delimiter"),
+        ("--rate", "--rate must have a value"),
+        ("--rate fast", "rate"),
+        ('--missing "no', "quotes must come in pairs"),
+    ):
+        with pytest.raises(BadSetting, match=refusal):
+            options_of(text)
+
+
+ISSUES = (LineIssue(5, "must have 3 fields (got 1)", "<b>x</b>"), LineIssue(7, "must be a number", "`e`", "a|b"))
+
+
+def recording(report, period=1.0):
+    values = np.column_stack([np.arange(50.0), np.sin(np.arange(50.0)), np.ones(50)])
+    names = ("seq", "a|b", "stuck")
+    return Recording(np.arange(50.0), names, ("", "", ""), values, period, report, sha256="0")
+
+
+def test_the_summary_comes_first_then_the_account_and_nothing_of_it_is_markup():
+    report = ReadReport(lines=56, rows=50, rejected=5, bad_cells=1, headers=1, issues=ISSUES, notes=("a *note*",))
+    text = import_summary(recording(report))
+    assert "<b>" not in text
+    assert "`e`" not in text.replace("\\`", "")
+    head, rest = text.replace("\\", "").split("\n\n")
+    assert head.startswith("50 rows, 3 channels, 1.00 Hz; 5 lines rejected: must have 3 fields; 1 cell")
+    for line in ("not shown first: seq (a counter), stuck (constant)", "56 lines = 50 with data + 5", "a *note*"):
+        assert f"- {line}" in rest
+    assert "of the lines were rejected, the first is line 5" in rest
+    assert "not shown first" not in import_summary(replace(recording(report), sha256=""))  # of a board, it grows
+
+
+CODE = 'is 400 a missing value? It occurs 26 times in "d", far from the rest; if so, read with --missing 400'
+GAPS = "time has a gap after sample 9; read it with --gaps missing (adds 1 row) or --gaps dt (elapsed time)"
+UNIT = "the time is read as ms (assumed from their size: 0.5 Hz; 500 Hz with --time-unit us)"
+
+
+@pytest.mark.parametrize(
+    ("notes", "button", "options"),
+    [
+        ((GAPS, Assumption(CODE)), "Read 400 as missing", "--missing 400"),
+        ((GAPS,), "Read gaps as missing samples", "--gaps missing"),
+        ((Assumption(UNIT),), "Read the time in us", "--time-unit us"),
+        ((Assumption("they could also be month first: --month-first"),), "Read the month first", "--month-first"),
+        (('the time could be "t": --time-column "t"',), None, None),  # a note that is no assumption
+        ((), None, None),
+    ],
+)
+def test_a_question_has_one_button_that_reads_the_file_otherwise(notes, button, options):
+    report = ReadReport(notes=notes, assumptions=tuple(note for note in notes if isinstance(note, Assumption)))
+    question = question_about(recording(report))
+    assert (question and question.button, question and question.options) == (button, options)
+    if question is not None:
+        assert question.sentence.endswith(".")
+        assert question.sentence.count("(") == question.sentence.count(")")
+        options_of(options)
+    unknown = question_about(recording(report, period=None))
+    assert unknown == question or unknown.button == "Give the sample period"
+
+
+def test_the_heading_points_to_the_summary_where_part_of_a_file_was_lost():
+    for rejected, told in ((1, False), (5, True)):
+        state = opened(recording(ReadReport(lines=50 + rejected, rows=50, rejected=rejected)))
+        heading = heading_of(compute_frame(state))
+        assert ("**part of the file could not be read: see Source**" in heading) is told
 
 
 @pytest.mark.parametrize(
