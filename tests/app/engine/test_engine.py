@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import math
 import threading
-import time
 from dataclasses import replace
-from itertools import pairwise
+from itertools import count, pairwise
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from tests.support.waiting import PATIENCE, wait_until
+from tests.support.waiting import wait_until
 
 from kalscope import FilterParams, Recording, diagnose, kalman_filter, steady_state
 from kalscope_app.engine.engine import DELAYS, Engine, Part, Schedule, Studies, Study, is_move
@@ -23,106 +22,49 @@ from kalscope_app.session.opening import opened
 from kalscope_app.session.session import Session
 
 
-class Screen:
-    """Collects frames as a view would; `delay` makes it slow."""
-
-    def __init__(self, delay=0.0):
-        self.frames, self.told, self.delay = [], [], delay
-        self.drawn = {part: [] for part in Part}
-        self.news = threading.Condition()
-
-    def show(self, frame, parts):
-        time.sleep(self.delay)
-        with self.news:
-            self.frames += [frame] if Part.SIGNAL in parts else []
-            for part in parts:
-                self.drawn[part].append(frame.serial)
-            self.news.notify_all()
-
-    def tell(self, message, **_how):
-        with self.news:
-            self.told.append(message)
-            self.news.notify_all()
-
-    def wait(self, condition):
-        with self.news:
-            assert self.news.wait_for(condition, timeout=PATIENCE)
+def recording(n=20_000, missing=0.0, truth=False):
+    g = np.random.default_rng(1)
+    signal = np.cumsum(g.normal(0, 0.1, n))
+    z = signal + g.normal(size=n)
+    z[g.random(n) < missing] = np.nan
+    known = signal[:, None] if truth else None
+    return Recording(np.arange(n) * 0.01, ("z",), ("V",), z[:, None], 0.01, truth=known)
 
 
-@pytest.fixture
-def session():
-    z = np.random.default_rng(0).normal(size=(3000, 1))
-    return Session(opened(Recording(np.arange(3000.0), ("z",), ("",), z, 1.0)))
+@pytest.mark.slow
+def test_while_requests_keep_coming_every_part_is_drawn_and_the_last_value_is_filtered_and_studied():
+    frames, drawn, told, studied = [], {part: [] for part in Part}, [], []
+    session = Session(opened(recording(3000)))
 
+    def show(frame, parts):
+        frames.append(frame)
+        for part in parts:
+            drawn[part].append(frame.serial)
 
-@pytest.fixture
-def running(session):
-    screen = Screen()
-    engine = Engine(session, screen.show, screen.tell)
+    failing = Study(lambda _: 1 / 0, pytest.fail, lambda error, **_how: told.append(error))
+    engine = Engine(session, show, pytest.fail, Studies([failing, Study(lambda s: s, studied.append, pytest.fail)]))
     engine.start()
-    yield session, screen
+    often, moves = (Part.SIGNAL, Part.NUMBERS, Part.CHARTS, Part.OTHER), count()
+
+    def moved_until_each_was_drawn():
+        session.request(set_exponent("q", -3.0 + 0.01 * (next(moves) % 400)), key="slider q")
+        return all(len(drawn[part]) >= 4 for part in often)
+
+    wait_until(moved_until_each_was_drawn, "four pictures of each part", pause=0.001)
+    last = [session.request(set_text("q", q)) for q in ("7", "0.1")][-1]
+    wait_until(lambda: all(serials[-1:] == [last] for serials in drawn.values()), "the last value in every part")
+    frame = frames[-1]
+    assert frame.state.tuning.q == 0.1
+    expected = kalman_filter(frame.state.z, frame.state.params).x
+    assert np.array_equal(frame.filtered, expected[frame.drawn.indices])
+    assert all(serials == sorted(serials) for serials in drawn.values())
+    wait_until(lambda: studied and studied[-1].tuning.q == 0.1, "the studies of the last state")
+    assert {type(error) for error in told} == {ZeroDivisionError}  # and the next one runs
     engine.stop()
     assert not any(thread.name == "kalscope-engine" for thread in threading.enumerate())
 
 
-def test_after_a_burst_of_requests_the_last_frame_holds_the_last_value(running):
-    session, screen = running
-    for exponent in np.linspace(-4, 1, 200):
-        session.request(set_exponent("q", float(exponent)))
-    last = session.request(set_exponent("q", -1.0))
-    screen.wait(lambda: screen.frames and screen.frames[-1].serial == last)
-    frame = screen.frames[-1]
-    assert frame.state.tuning.q == 0.1
-    expected = kalman_filter(frame.state.recording.channel("z"), frame.state.params).x
-    assert np.array_equal(frame.filtered, expected[frame.drawn.indices])
-    assert len(screen.frames) < 100
-
-
-@pytest.mark.slow
-def test_studies_are_of_the_last_state_and_one_that_fails_is_told_and_the_next_one_runs(session):
-    screen, shown = Screen(), []
-    failing = Study(lambda _: 1 / 0, pytest.fail, screen.tell)
-    studies = Studies([failing, Study(lambda state: state, shown.append, pytest.fail)])
-    engine = Engine(session, screen.show, screen.tell, studies)
-    engine.start()
-    for q in "78":
-        session.request(set_text("q", q))
-    wait_until(lambda: shown and shown[-1].tuning.q == 8, "the studies of the last state")
-    assert {type(error) for error in screen.told} == {ZeroDivisionError}
-    engine.stop()
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("delay", [0.0, 0.05])
-def test_no_part_is_left_out_while_requests_keep_coming(session, delay):
-    screen, stopping = Screen(delay), threading.Event()
-    engine = Engine(session, screen.show, screen.tell)
-
-    def move():
-        step = 0
-        while not stopping.wait(0.001):
-            step += 1
-            session.request(set_exponent("q", -3.0 + 0.01 * (step % 500)), key="slider q")
-
-    mover = threading.Thread(target=move)
-    engine.start()
-    mover.start()
-    often = (Part.SIGNAL, Part.NUMBERS, Part.CHARTS, Part.OTHER)
-    screen.wait(lambda: all(len(screen.drawn[part]) >= 4 for part in often))
-    stopping.set()
-    mover.join()
-    last = session.request(set_exponent("q", -1.0))
-    screen.wait(lambda: all(serials[-1] == last for serials in screen.drawn.values()))
-    for serials in screen.drawn.values():
-        assert serials == sorted(serials)
-    engine.stop()
-
-
 # --- which part is drawn when ---------------------------------------------------------------------------
-
-
-SETTLED = 0.3
-"""Seconds after the last step of a control in which all must be drawn."""
 
 
 def drawn(moments):
@@ -151,19 +93,14 @@ def test_every_part_shows_the_last_frame_soon_and_none_is_starved(gaps):
     for part in set(Part) - {Part.SIGNAL}:
         moment, number = [(moment, number) for moment, number, which in log if which is part][-1]
         assert number == len(moments) - 1
-        assert moment <= moments[-1] + SETTLED
+        assert moment <= moments[-1] + 0.3  # seconds after the last step of a control
 
 
-@pytest.fixture(scope="module")
-def state():
+def test_a_move_changes_values_only():
     z = np.random.default_rng(0).normal(size=(300, 2))
-    return opened(Recording(np.arange(300.0), ("a", "b"), ("", ""), z, 1.0))
-
-
-def test_a_move_changes_values_only(state):
-    assert is_move(state, state)
-    assert is_move(state, set_exponent("q", 1.0)(state))
-    assert is_move(state, set_text("p0", "4")(state))
+    state = opened(Recording(np.arange(300.0), ("a", "b"), ("", ""), z, 1.0))
+    for move in lambda state: state, set_exponent("q", 1.0), set_text("p0", "4"):
+        assert is_move(state, move(state))
     for change in (
         set_window(10.0, 20.0),
         select_channel("b"),
@@ -171,9 +108,7 @@ def test_a_move_changes_values_only(state):
         lambda state: state.with_view(dark=True),
         set_text("momentum", "5"),
         lambda state: replace(state, note="said"),
-        lambda state: opened(
-            Recording(state.recording.time, ("a", "b"), ("", ""), 2 * state.recording.values, 1.0)
-        ),
+        lambda state: opened(replace(state.recording, values=2 * z)),
     ):
         assert not is_move(state, change(state))
 
@@ -181,23 +116,14 @@ def test_a_move_changes_values_only(state):
 # --- what a frame holds ---------------------------------------------------------------------------------
 
 
-def recording(n=20_000, missing=0.0, truth=False):
-    g = np.random.default_rng(1)
-    signal = np.cumsum(g.normal(0, 0.1, n))
-    z = signal + g.normal(size=n)
-    z[g.random(n) < missing] = np.nan
-    known = signal[:, None] if truth else None
-    return Recording(np.arange(n) * 0.01, ("z",), ("V",), z[:, None], 0.01, truth=known)
-
-
-@pytest.mark.parametrize("n", [1, 2, 5, 300, MAX_POINTS, MAX_POINTS + 1, 50_000])
-@pytest.mark.parametrize(("truth", "missing"), [(False, 0.0), (True, 0.0), (False, 0.3), (False, 1.0)])
-def test_never_more_than_the_limit_is_drawn_and_all_of_a_short_record(n, truth, missing):
-    shown = choose_samples(recording(n, missing, truth), "z", None)
-    assert len(shown.indices) <= MAX_POINTS
-    assert (np.diff(shown.indices) > 0).all()
-    assert shown.decimated == (len(shown.indices) < n)
-    assert n > MAX_POINTS or len(shown.indices) == n
+@pytest.mark.parametrize("n", [1, 5, MAX_POINTS, MAX_POINTS + 1, 50_000])
+def test_never_more_than_the_limit_is_drawn_and_all_of_a_short_record(n):
+    for truth, missing in (False, 0.0), (True, 0.0), (False, 0.3), (False, 1.0):
+        shown = choose_samples(recording(n, missing, truth), "z", None)
+        assert len(shown.indices) <= MAX_POINTS
+        assert (np.diff(shown.indices) > 0).all()
+        assert shown.decimated == (len(shown.indices) < n)
+        assert n > MAX_POINTS or len(shown.indices) == n
 
 
 def test_what_is_drawn_is_the_filter_on_all_samples():
