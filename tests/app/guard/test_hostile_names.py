@@ -17,22 +17,14 @@ from tests.support.program import end, labels, port_of, running, token_of
 from kalscope.common.text import count
 from kalscope_app.views.window import FIGURE, FILES, HEADER, HEADING, ONE_BUTTON, ONE_CHANNEL, QUESTION, VERDICT
 
-MARKUP = [
-    "<img src=x onerror=alert(1)>",
-    "<script>alert(1)</script>",
-    "<iframe srcdoc='<script>alert(1)</script>'>",
-    "![x](http://evil.example/x.png)",
-    "[x](javascript:alert(1))",
-    "`code` **bold** # head",
-    "=cmd|' /C calc'!A0",
-    "a|b",
-    "$(touch pwned) `touch pwned`; touch pwned #",
-    "../../etc/passwd",
-    "*/ #define PWN 1",
-    "a\u202eb\u2028c",
-]
+MARKUP = ["<img src=x onerror=alert(1)>", "<script>alert(1)</script>", "[x](javascript:alert(1))"]
+MARKUP += ["<iframe srcdoc='<script>alert(1)</script>'>", "![x](http://evil.example/x.png)", "a|b"]
+MARKUP += ["=cmd|' /C calc'!A0", "$(touch pwned) `touch pwned`; touch pwned #", "../../etc/passwd"]
+MARKUP += ["`code` **bold** # head", "*/ #define PWN 1", "a\u202eb\u2028c"]
 ALIVE = re.compile(r"(?<!\\)(<[a-zA-Z/!]|\]\(|`code`|\*\*bold|!\[)")
 """Markup from outside that no backslash disarms."""
+PIN = '<span style="color:#[0-9a-fA-F]{6}">■</span>'
+"""The colour of a pinned setting, in tables."""
 
 
 @pytest.fixture(scope="module")
@@ -53,18 +45,12 @@ def guest(shared):
     with Guest(port_of(url), token_of(url)) as guest:
         guest.read_until(lambda: "Upload a file …" in labels(guest))
         yield guest
-        assert_disarmed(guest.texts)
+        for text in guest.texts:  # the dashboard's own has no image, link or tag
+            foreign = re.sub(rf"{PIN}|{FIGURE}[^<]*</span>", "", text.replace(HEADING, ""))
+            assert [found.group() for found in ALIVE.finditer(foreign)] == [], text
         html = [made["props"]["content"] for made in guest.widgets.values() if made["type"] == "GuiHtmlMessage"]
         constants = {FILES, HEADER, VERDICT, ONE_BUTTON, ONE_CHANNEL, QUESTION}
         assert set(html) <= constants  # no text from outside is in them
-
-
-def assert_disarmed(texts):
-    """No markdown of the dashboard is an image, a link or a tag, so any such is from outside."""
-    for text in texts:
-        own = rf"{PIN}|{FIGURE}[^<]*</span>"
-        foreign = re.sub(own, "", text.replace(HEADING, ""))
-        assert [found.group() for found in ALIVE.finditer(foreign)] == [], text
 
 
 def wait_for_rows(guest, *numbers):
@@ -72,12 +58,6 @@ def wait_for_rows(guest, *numbers):
     shown = "|".join(map(str, numbers)).replace("\u202f", r"\s")
     wanted = re.compile(rf"\b({shown}) rows, ")
     guest.read_until(lambda: any(map(wanted.search, guest.markdown.values())))
-
-
-def let_rest(guest):
-    """Until the studies of what is on screen have been drawn too: they begin 0.2 s after the last change."""
-    while guest.read(timeout=1.0):
-        pass
 
 
 def test_files_that_are_named_like_markup_are_shown_as_text(shared, guest):
@@ -104,7 +84,8 @@ def test_columns_and_units_that_are_markup_are_text_in_every_tab(shared, guest):
     guest.set(next(uuid for uuid, options in guest.options.items() if "Pin" in options), "Pin")
     for name in guest.widgets[guest.find("channel")]["props"]["options"][:2]:
         guest.set(guest.find("channel"), name)
-        let_rest(guest)
+        while guest.read(timeout=1.0):  # until the studies are drawn too: they begin 0.2 s after the last change
+            pass
     guest.read_until(lambda: any("onerror" in text for text in guest.texts))
 
 
@@ -129,20 +110,8 @@ def test_labels_that_a_board_sends_are_shown_as_text(guest):
         guest.read_until(lambda: any("**closed**" in text for text in guest.markdown.values()))
 
 
-UPLOADS = [
-    "../../x.csv",
-    "..\\..\\x.csv",
-    "C:\\windows\\x.csv",
-    "/etc/x.csv",
-    "nul\0.csv",
-    "a" * 300 + ".csv",
-    "",
-    ".",
-    "..",
-    "-rf.csv",
-    "con.csv",
-    *MARKUP[:4],
-]
+UPLOADS = "../../x.csv", "..\\..\\x.csv", "C:\\windows\\x.csv", "/etc/x.csv", "nul\0.csv", "-rf.csv", "con.csv"
+UPLOADS += "a" * 300 + ".csv", "", ".", "..", *MARKUP[:4]
 
 
 def test_an_upload_may_have_any_name_and_stays_in_its_own_folder(shared, guest):
@@ -165,35 +134,20 @@ def files_around(folder: Path):
     return {path for path in folder.rglob("*") if "state" not in path.parts and "numba" not in str(path)}
 
 
-PIN = '<span style="color:#[0-9a-fA-F]{6}">■</span>'
-"""The colour of a pinned setting, in tables."""
-
-OUT = [
-    "../out.csv",
-    "/tmp/kalscope-out.csv",
-    "..\\..\\out",
-    "a\0b.csv",
-    ".bashrc",
-    "x.sh",
-    "link/out.csv",
-    "nul.csv",
-    "com1.a.csv",
-]
+OUT = "../out.csv", "/tmp/kalscope-out.csv", "..\\..\\out", "a\0b.csv", "link/out.csv", ".bashrc", "x.sh", " "
+OUT += "nul.csv", "com1.a.csv"
 """Paths that no recording may have. Those that only the system refuses need a board that sends."""
 
 
 def test_nothing_is_recorded_outside_the_folder_or_under_an_odd_name(shared, guest):
     folder, _ = shared
-    link = folder / "link"
-    if not link.is_symlink():
-        link.symlink_to(folder.parent)
+    (folder / "link").symlink_to(folder.parent)
     before = files_around(folder.parent)
-    for path in (*OUT, " "):
+    for path in OUT:
         guest.notices.clear()
         guest.set(guest.find("record to"), path)
         guest.set(guest.find("Record"), True)
         guest.read_until(lambda: re.search("Cannot record|Something went wrong", "".join(guest.notices)))
-        told = "".join(guest.notices)
-        assert "Cannot record" in told, path
+        assert "Cannot record" in (told := "".join(guest.notices)), path
         assert "is not connected" not in told, path
     assert files_around(folder.parent) == before

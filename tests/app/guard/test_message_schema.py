@@ -39,31 +39,13 @@ TAKEN = {
 @pytest.mark.parametrize(("current", "value", "low", "high", "expected"), TAKEN.values(), ids=TAKEN.keys())
 def test_a_value_is_held_within_its_range_and_what_does_not_fit_is_left(current, value, low, high, expected):
     assert fitting_value(current, value, low, high) == expected
+    assert fitting_value("a", value, None, None, ("a", "b")) is None  # a menu has its own words
 
 
 junk = st.recursive(
     st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=5) | st.binary(max_size=5),
     lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=2), inner, max_size=2),
 )
-
-
-@pytest.mark.slow
-@given(st.sampled_from([0.5, False, "a", (0.0, 1.0)]), junk)
-def test_whatever_comes_the_result_is_of_the_kind_and_within_the_range(current, value):
-    taken = fitting_value(current, value, 0.0, 1.0, ("a", "b") if isinstance(current, str) else None)
-    if taken is None:
-        return
-    if isinstance(current, tuple):
-        assert isinstance(taken, tuple)
-        assert len(taken) == 2
-        assert all(0.0 <= part <= 1.0 for part in taken)
-    elif isinstance(current, float):
-        assert isinstance(taken, int | float)
-        assert 0.0 <= taken <= 1.0
-    elif isinstance(current, bool):
-        assert isinstance(taken, bool)
-    else:
-        assert taken in ("a", "b")
 
 
 KINDS = [messages.GuiUpdateMessage, messages.GuiFormSubmitMessage, messages.GuiButtonHoldMessage]

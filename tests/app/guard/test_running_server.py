@@ -12,10 +12,7 @@ import websockets.asyncio.server
 from tests.app import wire
 from tests.app.attack_table import exchange
 from tests.support.waiting import PATIENCE
-from viser import _messages as messages
 from viser.infra import _infra
-from websockets.datastructures import Headers
-from websockets.http11 import Request
 from websockets.sync.client import ClientConnection
 
 from kalscope.errors import BadSetting
@@ -38,17 +35,8 @@ def get(port: int, target: str = "/", host: str | None = None, extra: str = "") 
     return exchange(port, f"GET {target} HTTP/1.1\r\nHost: {host}\r\n{extra}\r\n")
 
 
-# --- websockets -------------------------------------------------------------------------------------------
-
-
 def client(port: int, *, token: str = TOKEN) -> ClientConnection:
     return wire.client(port, token=token)
-
-
-def test_an_error_in_viser_itself_is_not_let_through():
-    requests = request_filter.RequestFilter(request_filter.Policy(8080, TOKEN))
-    request = Request("/x", Headers({"Host": "localhost", "Cookie": cookie(8080)}))
-    assert requests.answer(lambda *_: 1 / 0, types.SimpleNamespace(), request).status_code == 400  # pyright: ignore
 
 
 def threads_of_viser() -> set[threading.Thread]:
@@ -59,34 +47,23 @@ def threads_of_viser() -> set[threading.Thread]:
 # --- starting and stopping --------------------------------------------------------------------------------
 
 
-def test_a_busy_port_is_named_and_not_left_for_the_next():
+def test_a_busy_port_and_an_unusable_host_are_named_at_once():
+    """Stock viser takes the next port, or waits for ever."""
     with socket.create_server(("127.0.0.1", 0)) as taken:
-        port = taken.getsockname()[1]
-        with pytest.raises(BadSetting) as error:
-            guarded_server(port=port)
-    assert str(error.value) == (
-        f"host '127.0.0.1' with port {port} cannot be used on this machine: Address already in use;"
-        " --port 0 takes any free port"
-    )
-
-
-@pytest.mark.parametrize(
-    "host", ["no-such-name.invalid", "203.0.113.7", "a..b", "x" * 300, "nul\0", "127.0.0.1:80"]
-)
-def test_an_unusable_host_is_named_at_once(host):
-    """Stock viser waits for ever."""
-    with pytest.raises(BadSetting, match="cannot be used on this machine: ") as error:
-        guarded_server(host, 0)
-    assert repr(host) in str(error.value)
-    assert "\n" not in str(error.value)
+        busy = "127.0.0.1", taken.getsockname()[1]
+        hosts = ["no-such-name.invalid", "203.0.113.7", "a..b", "x" * 300, "nul\0", "127.0.0.1:80"]
+        for host, port in (busy, *((host, 0) for host in hosts)):
+            with pytest.raises(BadSetting) as error:
+                guarded_server(host, port)
+            said = f"host {host!r} with port {port} cannot be used on this machine: "
+            assert str(error.value).startswith(said)
+            assert str(error.value).endswith("; --port 0 takes any free port")
+            assert "\n" not in str(error.value)
 
 
 def test_all_networks_need_a_name():
     with pytest.raises(BadSetting, match="--allow-host"):
         guarded_server("0.0.0.0", 0)
-
-
-def test_all_networks_with_a_name():
     with guarded_server("0.0.0.0", 0, allow_hosts=["Raspberry.local"], token=TOKEN) as running:
         assert running.url == f"http://raspberry.local:{running.port}/?token={TOKEN}"
         host = f"raspberry.local:{running.port}"
@@ -175,35 +152,25 @@ def test_a_viser_that_opens_its_socket_otherwise_is_stopped(monkeypatch):
     assert threads_of_viser() <= before
 
 
-@pytest.mark.parametrize(
-    "missing",
-    [
-        messages.ShareUrlRequest,
-        messages.ShareUrlDisconnect,
-        messages.GuiUpdateMessage,
-        messages.FileTransferStartUpload,
-        messages.FileTransferPart,
-    ],
-)
-def test_a_viser_without_a_known_handler_is_stopped(monkeypatch, missing):
-    stock = _infra.WebsockMessageHandler.register_handler
-    monkeypatch.setattr(
-        _infra.WebsockMessageHandler,
-        "register_handler",
-        lambda self, cls, callback: None if cls is missing else stock(self, cls, callback),
-    )
-    before = threads_of_viser()
-    with pytest.raises(GuardFailed, match="not the version Kalscope guards"):
-        guarded_server(port=0)
-    assert threads_of_viser() <= before
+def test_a_viser_without_a_known_handler_or_private_name_is_stopped(monkeypatch):
+    handlers, before, made = _infra.WebsockMessageHandler, threads_of_viser(), viser.GuiApi.__init__
+    stock = handlers.register_handler
+    shares = "ShareUrlRequest", "ShareUrlDisconnect"
+    for missing in (*shares, "GuiUpdateMessage", "FileTransferStartUpload", "FileTransferPart"):
 
+        def register(self, cls, callback, missing=missing):
+            return None if cls.__name__ == missing else stock(self, cls, callback)
 
-def test_a_viser_without_a_known_private_name_is_stopped(monkeypatch):
+        monkeypatch.setattr(handlers, "register_handler", register)
+        with pytest.raises(GuardFailed, match="not the version Kalscope guards"):
+            guarded_server(port=0)
+    monkeypatch.undo()
+
     def forget(self, *args, **kwargs):
-        stock(self, *args, **kwargs)
+        made(self, *args, **kwargs)
         del self._current_file_upload_states
 
-    stock = viser.GuiApi.__init__
     monkeypatch.setattr(viser.GuiApi, "__init__", forget)
     with pytest.raises(GuardFailed, match="_current_file_upload_states"):
         guarded_server(port=0)
+    assert threads_of_viser() <= before

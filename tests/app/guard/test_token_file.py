@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import os
 import stat
-import tempfile
 from functools import partial
 
 import pytest
 
-from kalscope_app.guard.requests import is_token, kept_token, opening_page
+from kalscope_app.guard.requests import is_token, kept_token
 
 SECRET = "Kept-Kept-Kept-Kept_Kept"
 posix = pytest.mark.skipif(os.name != "posix", reason="modes and links as POSIX has them")
@@ -88,15 +87,3 @@ def test_in_a_folder_that_is_not_safe_nothing_is_kept(tmp_path, caplog, why):
     (said,) = caplog.messages
     assert "must be a folder of yours, no link, that no other user can write to (got " in said
     assert token not in said
-
-
-def test_the_opening_page_is_private_and_goes_away(tmp_path, monkeypatch):
-    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
-    url = f"http://127.0.0.1:8080/?token={SECRET}"
-    with opening_page(url) as file:
-        assert f'content="0; url={url}"' in file.read_text()
-        assert SECRET not in str(file)
-        if os.name == "posix":
-            assert stat.S_IMODE(file.stat().st_mode) == 0o600
-            assert stat.S_IMODE(file.parent.stat().st_mode) == 0o700
-    assert os.listdir(tmp_path) == []

@@ -35,17 +35,16 @@ class Source:
 
 
 @pytest.fixture
-def board():
-    """A board of the command line, on screen."""
-    return Source()
+def connection():
+    """The connection of a board of the command line, on screen."""
+    connection = BoardConnection(SimpleNamespace(run=lambda work: work()), Source())
+    connection.start()
+    return connection
 
 
 @pytest.fixture
-def connection(board):
-    """Its connection."""
-    connection = BoardConnection(SimpleNamespace(run=lambda work: work()), board)
-    connection.start()
-    return connection
+def board(connection):
+    return connection.source
 
 
 FILE = Recording(np.arange(50.0), ("z",), ("",), np.random.default_rng(0).normal(size=(50, 1)), 1.0)
@@ -75,24 +74,13 @@ def test_a_board_that_is_recorded_stays_connected_behind_a_file(connection, boar
     assert board.calls == ["start", "close"]
 
 
-def test_another_board_is_not_closed_before_the_session_shows_it(connection, board, monkeypatch):
+def test_another_board_is_closed_once_the_session_has_shown_it_in_the_same_turn_too(connection, board, monkeypatch):
     monkeypatch.setattr("kalscope_app.live.LiveSource", Source)
     session = Session(opened_live(board, "x"), connection)
     connection.open(session, None)
     other = connection.source
     connection.look_at(board)
     assert (board.calls, other.calls) == (["start", "close"], ["start"])
-    state = session.apply_requests()[0]
-    assert connection.source is state.live.board
-    connection.look_at(None)
-    assert other.calls == ["start", "close"]
-
-
-def test_a_board_is_closed_where_a_later_request_of_the_same_turn_shows_a_file(connection, board, monkeypatch):
-    monkeypatch.setattr("kalscope_app.live.LiveSource", Source)
-    session = Session(opened_live(board, "x"), connection)
-    connection.open(session, None)
-    other = connection.source
     session.request(lambda state: opened(FILE, state))
     session.apply_requests()
     assert (other.calls, connection.source) == (["start", "close"], None)

@@ -104,16 +104,14 @@ def test_a_board_measures_and_its_values_are_compared_used_and_kept(desk):
     assert desk.text == "Measuring for 4 s: keep what the sensor measures constant."
     assert not desk.shown("Let the board measure r")
     wait_until(lambda: desk.shown("Use its r and q here"))
-    assert desk.shown("Let the board measure r")
-    assert not desk.shown("Cancel")
+    assert (desk.shown("Let the board measure r"), desk.shown("Cancel")) == (True, False)
     values = desk.state.calibration.values
-    assert desk.text.startswith(
-        f"The board measured r = {number(values.r, 4)} unit², and for the lag of the export q = "
-    )
+    measured = f"The board measured r = {number(values.r, 4)} unit², and for the lag of the export q = "
+    assert desk.text.startswith(measured)
     assert "here: equal within 0.0010 %." in desk.text
     assert "; from 696 samples" in desk.text
-    ((said, how),) = desk.told
-    assert (said[:21], how["good"]) == ("The board measured r ", True)
+    ((_, how),) = desk.told
+    assert how["good"]
     before = desk.state.tuning
     desk.click("Use its r and q here")
     wait_until(lambda: desk.state.tuning.how == "measured by the board" and not desk.shown("Use its r and q here"))
@@ -148,27 +146,24 @@ def test_what_went_wrong_is_said_and_stays_on_screen_and_nothing_is_stuck(desk):
     wait_until(lambda: desk.text.startswith("The board keeps its values: the level moves."))
     desk.board.knows = False
     fails("The sketch on this board cannot measure by itself: export the Arduino sketch with self-calibration")
-    wait_until(lambda: desk.text.startswith("The sketch on this board cannot") and desk.text.endswith("flash it."))
     desk.board.knows = True
 
-    def once_it_measures(act):
+    def fails_while_it_measures(words, act):
         before = len(desk.board.asked)
 
         def wait_and_act():
             wait_until(lambda: desk.shown("Cancel") and "c 300" in desk.board.asked[before:])
             act()
 
-        return wait_and_act
+        return fails(words, "300", wait_and_act)
 
-    cancel = once_it_measures(lambda: desk.click("Cancel"))
-    assert fails("cancelled: the board keeps its values", "300", cancel)["good"]
+    assert fails_while_it_measures("cancelled: the board keeps its values", lambda: desk.click("Cancel"))["good"]
     wait_until(lambda: desk.text == "")
-    another = once_it_measures(lambda: desk.session.request(lambda state: opened(state.recording, state)))
-    fails("The board was disconnected before it answered", "300", another)
+    lost = "The board was disconnected before it answered"
+    fails_while_it_measures(lost, lambda: desk.session.request(lambda state: opened(state.recording, state)))
     assert not desk.view._folder.visible
     desk.session.request(undo)
     wait_until(lambda: desk.view._folder.visible and desk.connection.source.status().word == "connected")
     desk.board.refuses = ""
-
-    fails("The board was disconnected before it answered", "300", once_it_measures(desk.board.unplug))
+    fails_while_it_measures(lost, desk.board.unplug)
     fails("is not connected", "4")

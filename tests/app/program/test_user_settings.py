@@ -27,7 +27,7 @@ def test_what_is_kept_stays_while_something_else_is_changed(tmp_path):
     assert [settings.has(name) for name in ("tour_seen", "map_shown")] == [True, False]
 
 
-def test_the_folder_is_the_systems_unless_another_is_named(monkeypatch, tmp_path):
+def test_the_folder_is_the_systems_or_a_named_one_and_without_any_nothing_is_remembered(monkeypatch, tmp_path):
     monkeypatch.setenv(FOLDER_VARIABLE, str(tmp_path))
     assert state_folder() == tmp_path
     monkeypatch.delenv(FOLDER_VARIABLE)
@@ -37,10 +37,6 @@ def test_the_folder_is_the_systems_unless_another_is_named(monkeypatch, tmp_path
         monkeypatch.delenv("XDG_STATE_HOME")
         monkeypatch.setenv("HOME", str(tmp_path))
         assert state_folder() == tmp_path / ".local/state/kalscope"
-
-
-def test_without_a_home_folder_nothing_is_remembered_and_nothing_breaks(monkeypatch):
-    monkeypatch.delenv(FOLDER_VARIABLE, raising=False)
     monkeypatch.setattr(user_settings.platformdirs, "user_state_dir", lambda *_, **__: "~/kalscope")
     with pytest.raises(OSError, match="no home folder"):
         state_folder()
@@ -69,7 +65,7 @@ def test_the_newest_files_are_kept_and_damage_counts_as_nothing(tmp_path, monkey
         assert (tmp_path / "tunings").stat().st_mode & 0o077 == 0
 
 
-def test_filters_are_written_once_for_each_change(tmp_path):
+def test_filters_are_written_once_for_each_change_and_a_file_opens_as_it_was_left(tmp_path):
     (tmp_path / "log.csv").write_text("t,z\n" + "".join(f"{i},{i % 7}.5\n" for i in range(60)))
     state, written = opened(open_source(str(tmp_path / "log.csv"))), []
     screen = SimpleNamespace(_written=None, _kept=SimpleNamespace(keep=written.append))
@@ -77,10 +73,4 @@ def test_filters_are_written_once_for_each_change(tmp_path):
     for shown in (state, set_dark(True)(state), tuned, set_dark(True)(tuned), opened(open_source("demo"))):
         Dashboard._keep_tuning(screen, shown)
     assert [tuning.channels[0].q for tuning in written] == [state.tuning.q, 7.0]
-
-
-def test_a_file_opens_as_it_was_left(tmp_path):
-    (tmp_path / "log.csv").write_text("t,a,b\n" + "".join(f"{i},{i % 7}.5,{i % 5}.25\n" for i in range(60)))
-    state = opened(open_source(str(tmp_path / "log.csv")))
-    kept = (state.tunings[0], ChannelTuning("b", "", 7.0, 9.0, how="by hand"))
-    assert as_it_was_left(Tuning(kept, source=state.recording.source, sample_period=1.0))(state).tunings == kept
+    assert as_it_was_left(written[-1])(state).tunings == tuned.tunings
