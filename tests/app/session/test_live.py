@@ -37,17 +37,13 @@ def grown(board, count, state):
 
 
 def test_starting_values_are_measured_on_the_first_samples_and_then_stay(board):
-    state = opened_board(board)
-    assert np.isnan(state.recording.values).all()
-    assert refreshed(state, board.snapshot()) is state
-    state = grown(board, 20, state)
-    early = state.starts
-    state = grown(board, changes.START_SAMPLES - 20, state)
-    assert state.starts != early
-    settled = state.starts
-    state = grown(board, 5000, state)
-    assert state.starts == settled
-    assert changes.reset_parameters(set_text("q", "7")(state)).tunings == settled
+    empty = opened_board(board)
+    assert np.isnan(empty.recording.values).all()
+    early = grown(board, 20, empty)
+    settled = grown(board, changes.START_SAMPLES - 20, early)
+    state = grown(board, 5000, settled)
+    assert early.starts != settled.starts == state.starts
+    assert changes.reset_parameters(set_text("q", "7")(state)).tunings == settled.starts
     head = board.values[: changes.START_SAMPLES, 0]
     assert state.starts[0].r == pytest.approx(np.var(np.diff(head)) / 2, rel=0.05)
 
@@ -68,13 +64,9 @@ def test_the_window_follows_until_the_person_looks_back(board):
     assert live_window(state) == (pytest.approx(8.99), pytest.approx(9.99))
     state = grown(board, 100, state)
     assert live_window(state) == (pytest.approx(9.99), pytest.approx(10.99))
-    back = changes.set_window(2.0, 4.0)(state)
-    assert not back.live.following
-    back = grown(board, 100, back)
-    assert live_window(back) == (2.0, 4.0)
-    assert len(back.recording) == 1200
+    back = grown(board, 100, changes.set_window(2.0, 4.0)(state))
+    assert (live_window(back), len(back.recording), back.live.following) == ((2.0, 4.0), 1200, False)
     again = refreshed(changes.follow(back), board.snapshot())
-    assert again.live.following
     assert live_window(again) == (pytest.approx(10.99), pytest.approx(11.99))
 
 
@@ -103,10 +95,9 @@ def test_undo_takes_back_the_tuning_and_leaves_the_samples(board):
     session.request(undo)
     state, _, failures = session.apply_requests()
     assert (state.tuning.q, len(state.recording), failures) == (2.0, 700, [])
-    session.request(undo)
-    assert session.apply_requests()[0].tuning.q == before
-    session.request(redo)
-    assert session.apply_requests()[0].tuning.q == 2.0
+    for step, q in (undo, before), (redo, 2.0):
+        session.request(step)
+        assert session.apply_requests()[0].tuning.q == q
     assert not any(len(kept.recording) > 2 for kept in session._history.past)
 
 
@@ -167,19 +158,16 @@ def test_a_silent_board_is_drawn_again_only_when_its_status_changes(board, monke
 def test_what_the_command_line_asked_for_waits_until_the_channels_are_known(board):
     with pytest.raises(BadSetting):  # what no channel could have is refused at once
         apply_options(opened_board(board), "b", None, q="-1")
-    state = apply_options(opened_board(board), "b", None, q="1", r="2", gate="9")
-    assert state.recording.names == ("signal",)
-    state = grown(board, 20, state)
+    state = grown(board, 20, apply_options(opened_board(board), "b", None, q="1", r="2", gate="9"))
     assert state.channel == "a"
     state = grown(board, 500, state)
     tuning = state.tuning
     assert (state.channel, tuning.q, tuning.r, tuning.gate) == ("b", 1.0, 2.0, 9.0)
-    assert state.starts[1].r != 2.0
     assert grown(board, 500, set_text("q", "5")(state)).tuning.q == 5.0
 
 
-@pytest.mark.parametrize(("period", "q"), [(0.01, 3.0), (0.0102, 3.0), (0.02, 1.5)])
-def test_a_tuning_of_another_sample_rate_is_rescaled_but_not_for_a_measured_percent(board, period, q):
-    tuning = Tuning(channels=(ChannelTuning("b", "", 3.0, 4.0, None, None, "by hand"),), sample_period=period)
-    state = grown(board, 500, opened_board(board, tuning=tuning))
-    assert state.tunings[1].q == pytest.approx(q)
+def test_a_tuning_of_another_sample_rate_is_rescaled_but_not_for_a_measured_percent():
+    for period, q in (0.01, 3.0), (0.0102, 3.0), (0.02, 1.5):
+        tuning = Tuning((ChannelTuning("b", "", 3.0, 4.0, None, None, "by hand"),), sample_period=period)
+        state = grown(board := Board(), 500, opened_board(board, tuning=tuning))
+        assert state.tunings[1].q == pytest.approx(q)

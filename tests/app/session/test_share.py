@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shlex
 from dataclasses import replace
+from itertools import cycle
 
 import numpy as np
 import pytest
@@ -12,7 +13,6 @@ from kalscope import open_source
 from kalscope.cli.app import app
 from kalscope.sources.grammar.read_options import options_from_text
 from kalscope_app.main import add_dashboard
-from kalscope_app.session import changes
 from kalscope_app.session.changes import select_channel, set_sample_period, set_text, share_line
 from kalscope_app.session.opening import opened, opened_experiment
 
@@ -44,10 +44,11 @@ def reopen(monkeypatch):
 
 
 def essence(state):
-    """What must come back: the samples, how they were read, the channel and its setting."""
-    tuning = state.tuning
-    setting = (tuning.q, tuning.r, tuning.momentum, tuning.p0, tuning.x0, tuning.gate)
-    recording = state.recording
+    """What must come back: how the samples were read, the channel and its setting."""
+    recording, setting = (
+        state.recording,
+        [getattr(state.tuning, name) for name in ["q", "r", "momentum", "p0", "x0", "gate"]],
+    )
     return state.channel, setting, recording.sample_period, recording.gaps, state.options, state.filter
 
 
@@ -59,29 +60,24 @@ def files(folder):
 
 
 CHANGES = [
-    [],
-    [set_text("q", "1e-9"), set_text("r", "12345.678901234567")],
+    [set_text("q", "1e-9"), set_text("r", "12345.678901234567"), set_sample_period("0.02"), set_sample_period("")],
     [set_text("q", "0.1"), set_text("p0", "0"), set_text("x0", "-3.25")],
-    [set_text("p0", "1e-300"), set_text("gate", "9")],
+    [set_text("p0", "1e-300"), set_text("gate", "9"), set_sample_period("0.02"), set_sample_period("5")],
     [set_text("q", "0"), set_text("r", "2")],
-    [set_text("r", "0")],
     [set_text("q", "2"), set_text("momentum", "12.345678901234567"), set_text("gate", "9")],
-    [changes.set_momentum_position(3.21), changes.set_momentum_position(0.0)],
+    [set_text("r", "0"), set_text("momentum", "3"), set_text("momentum", "off")],
     [lambda state: select_channel(state.recording.names[-1])(state), set_text("q", "7")],
     [set_text("p0", "1"), set_text("p0", "automatic")],
-    [set_sample_period("0.02"), set_sample_period("5")],
-    [set_sample_period("0.02"), set_sample_period("")],
 ]
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("changes", CHANGES)
-def test_the_line_reopens_file_channel_and_setting(changes, reopen, tmp_path, monkeypatch):
+def test_the_line_reopens_file_channel_and_setting(reopen, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     names = list(files(tmp_path))
-    for name in [names[CHANGES.index(changes) % len(names)]] if changes else names:
+    for gestures, name in [*(([], name) for name in names), *zip(CHANGES, cycle(names), strict=False)]:
         state = opened(open_source(f"./{name}" if name.startswith("-") else name))
-        for change in changes:
+        for change in gestures:
             state = change(state)
         again = reopen(share_line(state).line)
         assert essence(again) == essence(state)
@@ -89,23 +85,19 @@ def test_the_line_reopens_file_channel_and_setting(changes, reopen, tmp_path, mo
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["lis302dl_r_32", "noise_reducer_figure_6", "generalized_figure_7"])
-def test_an_experiment_reopens_as_its_figure_and_as_it_was_changed(name, reopen):
-    state = opened_experiment(f"experiment:{name}")
-    assert essence(reopen(share_line(state).line)) == essence(state)
-    tuned = set_text("p0", "automatic")(set_text("r", "3")(state.with_standard_filter()))
-    again = reopen(share_line(tuned).line)
-    assert essence(again) == essence(tuned)
+def test_an_experiment_reopens_as_its_figure_and_as_it_was_changed(reopen):
+    for name in ("lis302dl_r_32", "noise_reducer_figure_6", "generalized_figure_7"):
+        figure = opened_experiment(f"experiment:{name}")
+        tuned = set_text("p0", "automatic")(set_text("r", "3")(figure.with_standard_filter()))
+        for state in figure, tuned:
+            assert essence(reopen(share_line(state).line)) == essence(state)
 
 
 def test_how_the_file_was_read_comes_along(reopen, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     name = next(files(tmp_path))
-    options = options_from_text(delimiter="comma", time_column="none", missing=["-200", "n/x"], gaps="rows")
-    state = replace(opened(open_source(name, options)), options=options)
-    line = share_line(state).line
-    assert "--missing=-200" in line
-    assert essence(reopen(line)) == essence(state)
-    timed = options_from_text(time_column="t", time_unit="ms", gaps="dt")
-    state = replace(opened(open_source(name, timed)), options=timed)
-    assert essence(reopen(share_line(state).line)) == essence(state)
+    cells = {"delimiter": "comma", "time_column": "none", "missing": ["-200", "n/x"], "gaps": "rows"}
+    for given in cells, {"time_column": "t", "time_unit": "ms", "gaps": "dt"}:
+        options = options_from_text(**given)
+        state = replace(opened(open_source(name, options)), options=options)
+        assert essence(reopen(share_line(state).line)) == essence(state)
