@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import re
 import signal
-import time
 from contextlib import ExitStack
 from itertools import count
 from pathlib import Path
@@ -32,10 +31,7 @@ def start_recording(guest, folder):
     guest.set(guest.find("Record"), True)
     guest.read_until(lambda: "Recording to" in "".join(guest.notices))
     file = folder / "recording.csv"
-    deadline = time.monotonic() + PATIENCE
-    while file.read_text().count("\n") < 20:
-        assert time.monotonic() < deadline, file.read_text()
-        guest.read(timeout=0.05)
+    guest.read_until(lambda: file.read_text().count("\n") >= 20)  # the board's values come as frames
     return file
 
 
@@ -89,14 +85,10 @@ SocketPort.__init__ = slow
 
 @pytest.mark.parametrize("change", [SLOW_FRAMES, SWALLOWING], ids=["slow frames", "a board that does not answer"])
 def test_a_recording_is_finished_although_something_takes_for_ever(tmp_path, change):
-    with (
-        ExitStack() as plugged,
-        running(tmp_path, source=plugged.enter_context(line_sender(lines=numbered)), change=PATIENT + change) as (
-            program,
-            url,
-        ),
-        Guest(port_of(url), token_of(url)) as guest,
-    ):
+    with ExitStack() as plugged, ExitStack() as used:
+        board = plugged.enter_context(line_sender(lines=numbered))
+        program, url = used.enter_context(running(tmp_path, source=board, change=PATIENT + change))
+        guest = used.enter_context(Guest(port_of(url), token_of(url)))
         file = start_recording(guest, tmp_path)
         if change is SWALLOWING:
             plugged.close()

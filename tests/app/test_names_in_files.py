@@ -25,7 +25,7 @@ VALUES = np.cumsum(np.random.default_rng(3).normal(size=(60, 1)), axis=0)
 
 
 @pytest.mark.slow
-def test_a_tuning_file_gives_the_names_back(tmp_path):
+def test_a_tuning_file_gives_the_names_back_and_a_recording_of_a_board_holds_them_as_plain_text(tmp_path):
     path = tmp_path / "tuning.toml"
     for name in NAMES:
         channel = ChannelTuning(name, name, 0.01, 0.25, how=name)
@@ -35,17 +35,13 @@ def test_a_tuning_file_gives_the_names_back(tmp_path):
         assert (held.name, held.how) == (whole, whole)
         text = path.read_text("utf-8")
         assert tomllib.loads(text)["channel"][0]["name"] == whole
-        assert not CONTROL.search(text)
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_what_a_recording_says_of_its_board_is_plain_text_in_its_columns(name):
-    rejects = rejects_lines(1.5, 7, name, [LineIssue(7, f"must be {name}", name, name)])
-    (said,) = csv.reader(io.StringIO(rejects))
-    assert len(said) == 5
-    above = preamble(name, 0.0)
-    assert all(line.startswith("#") for line in above.splitlines())
-    assert not CONTROL.search(rejects + above)
+        rejects, above = (
+            rejects_lines(1.5, 7, name, [LineIssue(7, f"must be {name}", name, name)]),
+            preamble(name, 0.0),
+        )
+        assert [len(row) for row in csv.reader(io.StringIO(rejects))] == [5]
+        assert all(line.startswith("#") for line in above.splitlines())
+        assert not CONTROL.search(text + rejects + above)
 
 
 def test_a_line_to_be_typed_is_one_word_each_for_a_shell(tmp_path):

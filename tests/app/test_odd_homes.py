@@ -10,7 +10,7 @@ import pytest
 from tests.app.attack_table import exchange, status
 from tests.app.wire import Guest
 from tests.support.line_sender import line_sender
-from tests.support.program import command, end, free_port, link_of, port_of, start, token_of
+from tests.support.program import command, end, free_port, port_of, running, start, token_of
 from tests.support.waiting import PATIENCE
 
 from kalscope.cli.console import user_message
@@ -28,37 +28,30 @@ time.tzset()
 FOLDER_GONE = "import os; os.rmdir(os.getcwd())\n"
 
 
-def test_settings_that_cannot_be_kept_cost_one_line_and_the_lasting_link(tmp_path):
+def shows_its_page(url):
+    with Guest(port_of(url), token_of(url)) as guest:
+        guest.read_until(lambda: "Download tuning file" in str(guest.widgets))
+
+
+def test_a_poor_account_has_the_dashboard_and_settings_that_cannot_be_kept_cost_one_line(tmp_path):
     (tmp_path / "file").write_text("")
     env = {"KALSCOPE_CONFIG_DIR": str(tmp_path / "file" / "settings")}
-    with start(tmp_path, "--no-browser", "--port", str(free_port()), env=env) as program:
-        url = link_of(program)
-        with Guest(port_of(url), token_of(url)) as guest:
-            guest.read_until(lambda: "Download tuning file" in str(guest.widgets))
+    with running(tmp_path, "--port", str(free_port()), change=POOR, env=env) as (program, url):
+        shows_its_page(url)
         status, _, err = end(program)
     (line,) = err.splitlines()
     assert status == 0
     assert line.count(f"'{tmp_path}/file/settings' cannot be used: a file takes the place of its folder") == 1
 
 
-def test_a_poor_account_has_the_dashboard(tmp_path):
-    with start(tmp_path, "--no-browser", "--port", "0", change=POOR) as program:
-        url = link_of(program)
-        with Guest(port_of(url), token_of(url)) as guest, Guest(port_of(url), token_of(url)):
-            guest.read_until(lambda: "Download tuning file" in str(guest.widgets))
-        assert end(program)[::2] == (0, "")
-
-
 def test_a_flood_of_half_open_connections_is_named_and_the_page_still_answers(tmp_path):
     few = "import resource; resource.setrlimit(resource.RLIMIT_NOFILE, (256, 256))"
-    with start(tmp_path, "--no-browser", "--port", "0", change=few) as program, ExitStack() as opened:
-        url = link_of(program)
+    with running(tmp_path, change=few) as (program, url), ExitStack() as opened:
         for _ in range(400):
             opened.enter_context(socket.create_connection(("127.0.0.1", port_of(url)), timeout=PATIENCE))
         link = f"GET /?token={token_of(url)} HTTP/1.1\r\nHost: localhost:{port_of(url)}\r\n\r\n"
         assert status(exchange(port_of(url), link)) == "200"
-        with Guest(port_of(url), token_of(url)) as guest:
-            guest.read_until(lambda: "Download tuning file" in str(guest.widgets))
+        shows_its_page(url)
         code, _, err = end(program)
     (line,) = err.splitlines()
     assert (code, "too many open connections" in line) == (0, True)
@@ -72,12 +65,12 @@ def run_here(folder, change, *arguments):
 
 
 def test_a_poor_account_has_the_commands(tmp_path):
-    tuning = tmp_path / "tuning.toml"
-    assert run_here(tmp_path, POOR, "tune", "demo", "--lag-ms", "50", "-o", tuning) == (0, [])
-    assert run_here(tmp_path, POOR, "filter", "demo", "--config", tuning) == (0, [])
-    assert run_here(tmp_path, POOR, "export", tuning, "--to", "c", "-o", "code") == (0, [])
     with line_sender() as url:
-        assert run_here(tmp_path, POOR, "record", url, "-o", "run.csv", "--lines", "20") == (0, [])
+        for line in (
+            *("tune demo --lag-ms 50 -o tuning.toml", "filter demo --config tuning.toml"),
+            *("export tuning.toml --to c -o code", f"record {url} -o run.csv --lines 20"),
+        ):
+            assert run_here(tmp_path, POOR, *line.split()) == (0, [])
 
 
 def test_what_cannot_be_written_is_one_line(tmp_path):
@@ -88,7 +81,7 @@ def test_what_cannot_be_written_is_one_line(tmp_path):
             (FOLDER_GONE, ("record", url, "-o", "out.csv"), "does not exist"),
             (
                 "",
-                ("filter", "demo", "--q", "1", "--r", "1", "-o", "/dev/full"),
+                ["filter", "demo", "--q", "1", "--r", "1", "-o", "/dev/full"],
                 "/dev/full' cannot be used: the disk",
             ),
             ("", ("tune", "demo", "--lag-ms", "50", "-o", nowhere), f"'{nowhere}' cannot be used: it or"),
@@ -101,20 +94,15 @@ def test_what_cannot_be_written_is_one_line(tmp_path):
 
 
 def test_the_dashboard_prints_no_link_in_a_folder_that_is_gone(tmp_path):
-    (tmp_path / "work").mkdir()
-    with start(
-        tmp_path / "work", "--no-browser", change=f"import shutil; shutil.rmtree('{tmp_path}/work')"
-    ) as program:
+    (work := tmp_path / "work").mkdir()
+    with start(work, "--no-browser", change=f"import shutil; shutil.rmtree('{work}')") as program:
         out, err = program.communicate(timeout=PATIENCE)
     assert (program.returncode, out) == (2, "")
     assert err == "kalscope: the folder in which kalscope was started must exist (it was removed or renamed)\n"
 
 
 def test_memory_that_is_refused_is_no_mistake_of_the_program():
-    for error in (
-        MemoryError(),
-        ImportError("x.so: failed to map segment"),
-        RuntimeError("can't start new thread"),
-    ):
+    segment, thread = ImportError("x.so: failed to map segment"), RuntimeError("can't start new thread")
+    for error in MemoryError(), segment, thread:
         assert "ulimit -v" in user_message(error)
     assert user_message(RuntimeError("other")) is None

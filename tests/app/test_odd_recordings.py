@@ -56,6 +56,7 @@ RECORDINGS = {
     "tiny": recording(1e-200 * walk(200)),
 }
 
+KHAN = GeneralizedParams(1.0, None, None, "without_slip")
 SETTINGS = {
     "start": lambda state: state,
     "pinned": lambda state: pin_present(state).with_tuning(q=1e-12, r=1.0),
@@ -68,9 +69,7 @@ SETTINGS = {
     "momentum, r = 0": lambda state: state.with_tuning(q=1.0, r=0.0, momentum=9.0),
     "momentum, far away": lambda state: state.with_tuning(q=1e-300, r=1e300, momentum=9.0, p0=1.0, gate=4.0),
     "part of it": lambda state: set_window(0.0, float(np.median(state.recording.time)))(state),
-    "Khan et al.": lambda state: state.with_tuning_of(
-        0, replace(state.tuning, paper=GeneralizedParams(1.0, None, None, "without_slip"))
-    ),
+    "Khan et al.": lambda state: state.with_tuning_of(0, replace(state.tuning, paper=KHAN)),
 }
 
 
@@ -98,16 +97,10 @@ def test_no_tab_fails_on_an_odd_recording_whatever_the_setting(bench, name):
 
 
 def test_a_tab_without_an_answer_shows_no_chart_of_an_earlier_one(bench):
-    state = opened(RECORDINGS["truth"])
-    dashboard = bench.dashboard
-    spectrum, allan, compare = dashboard._spectrum, dashboard._allan, dashboard._alternatives
-    charts = [spectrum._density, spectrum._response, allan._chart, compare._chart, dashboard._checks._correlation]
-    bench.request(lambda _: state)
-    assert [chart.handle.visible for chart in charts] == [True] * 5
-    bench.request(lambda _: SETTINGS["Khan et al."](state))
-    assert [chart.handle.visible for chart in charts] == [False] * 5
-    bench.request(lambda _: state)
-    assert [chart.handle.visible for chart in charts] == [True] * 5
-    short = opened(RECORDINGS["three samples"])
-    bench.request(lambda _: short)
-    assert [chart.handle.visible for chart in charts[:3]] == [False] * 3
+    state, board = opened(RECORDINGS["truth"]), bench.dashboard
+    charts = [board._spectrum._density, board._spectrum._response, board._allan._chart]
+    charts += [board._alternatives._chart, board._checks._correlation]
+    paper, short = SETTINGS["Khan et al."](state), opened(RECORDINGS["three samples"])
+    for shown, visible in (state, [True] * 5), (paper, [False] * 5), (state, [True] * 5), (short, [False] * 3):
+        bench.request(lambda _, shown=shown: shown)
+        assert [chart.handle.visible for chart in charts][: len(visible)] == visible

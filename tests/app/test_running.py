@@ -134,15 +134,11 @@ def test_an_uncaught_error_is_shown_and_logged_and_the_dashboard_goes_on(tmp_pat
             assert told.count("Something went wrong") >= len(BUTTONS) + 2
             assert all(failed not in told for failed in Failed)
             assert "Details are in kalscope.log" in told
-            slider = guest.find("log₁₀ q")
-            guest.set(slider, guest.values[slider] + 0.5)
-            with Guest(port_of(url), token_of(url)) as other:
-                other.read_until(lambda: other.values.get(slider) == pytest.approx(guest.values[slider]))
+            guest.set(guest.find("process noise q"), "7.25")  # the dashboard goes on
+            guest.read_until(lambda: guest.values[guest.find("log₁₀ q")] == pytest.approx(0.86, abs=0.01))
         code, _, err = end(program)
-    assert code == 0
     log = (tmp_path / "kalscope.log").read_text()
-    assert "Traceback" in log
-    assert "Traceback" not in err
+    assert (code, "Traceback" in log, "Traceback" in err) == (0, True, False)
     assert [said for said in (*BUTTONS.values(), "no such upload", "no such point") if said not in log] == []
 
 
@@ -193,9 +189,8 @@ def test_a_part_that_hangs_does_not_keep_the_program(tmp_path):
 @posix
 def test_a_terminal_that_has_gone_is_no_error(tmp_path):
     """SIGHUP comes together with broken pipes in place of the terminal."""
-    with running(tmp_path, "-v") as (program, url):
+    with running(tmp_path, "-v") as (program, _):
         program.stdout.close()
         program.stderr.close()
         program.send_signal(signal.SIGHUP)
         assert program.wait(timeout=PATIENCE) == 0
-    assert is_free(port_of(url))

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from tests.app.recordings import walk
 from tests.support.waiting import wait_until
 
 from kalscope import FilterParams, Recording, diagnose, kalman_filter, steady_state
@@ -22,19 +23,10 @@ from kalscope_app.session.opening import opened
 from kalscope_app.session.session import Session
 
 
-def recording(n=20_000, missing=0.0, truth=False):
-    g = np.random.default_rng(1)
-    signal = np.cumsum(g.normal(0, 0.1, n))
-    z = signal + g.normal(size=n)
-    z[g.random(n) < missing] = np.nan
-    known = signal[:, None] if truth else None
-    return Recording(np.arange(n) * 0.01, ("z",), ("V",), z[:, None], 0.01, truth=known)
-
-
 @pytest.mark.slow
 def test_while_requests_keep_coming_every_part_is_drawn_and_the_last_value_is_filtered_and_studied():
     frames, drawn, told, studied = [], {part: [] for part in Part}, [], []
-    session = Session(opened(recording(3000)))
+    session = Session(opened(walk(3000, ("z",))))
 
     def show(frame, parts):
         frames.append(frame)
@@ -119,7 +111,7 @@ def test_a_move_changes_values_only():
 @pytest.mark.parametrize("n", [1, 5, MAX_POINTS, MAX_POINTS + 1, 50_000])
 def test_never_more_than_the_limit_is_drawn_and_all_of_a_short_record(n):
     for truth, missing in (False, 0.0), (True, 0.0), (False, 0.3), (False, 1.0):
-        shown = choose_samples(recording(n, missing, truth), "z", None)
+        shown = choose_samples(walk(n, ("z",), missing=missing, truth=truth), "z", None)
         assert len(shown.indices) <= MAX_POINTS
         assert (np.diff(shown.indices) > 0).all()
         assert shown.decimated == (len(shown.indices) < n)
@@ -127,7 +119,7 @@ def test_never_more_than_the_limit_is_drawn_and_all_of_a_short_record(n):
 
 
 def test_what_is_drawn_is_the_filter_on_all_samples():
-    state = opened(recording(missing=0.01))
+    state = opened(walk(20_000, ("z",), missing=0.01))
     result = kalman_filter(state.recording.channel("z"), state.params)
     frame = compute_frame(state)
     at = frame.drawn.indices
@@ -141,7 +133,7 @@ def test_what_is_drawn_is_the_filter_on_all_samples():
 
 
 def test_time_that_steps_back_is_drawn_without_stepping_back():
-    rec = recording(100)
+    rec = walk(100, ("z",))
     time = rec.time.copy()
     time[50:] -= 0.2
     shown = choose_samples(Recording(time, rec.names, rec.units, rec.values, 0.01), "z", None)
@@ -159,7 +151,7 @@ def test_the_start_up_ends_where_the_gain_is_within_one_percent(q):
 
 @pytest.mark.parametrize("n", [2001, 3999, 50_000])
 def test_a_dense_line_is_a_band_that_holds_every_sample_about_it(n):
-    z = (rec := recording(n)).values[:, 0]
+    z = (rec := walk(n, ("z",))).values[:, 0]
     shown = choose_samples(rec, "z", None)
     low, high = shown.band
     lowest, highest = (extreme.reduceat(z, shown.indices) for extreme in (np.minimum, np.maximum))
@@ -169,7 +161,7 @@ def test_a_dense_line_is_a_band_that_holds_every_sample_about_it(n):
 
 
 def test_the_chart_marks_the_samples_that_the_gate_rejected_as_often_as_all_count_them():
-    one = recording(n=900)
+    one = walk(900, ("z",))
     one.values[[100, 400, 401], 0] += 40.0
     state = opened(one).with_tuning(gate=16.0)
     frame = compute_frame(state)

@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tests.app.feed import Board
+from tests.app.recordings import Board, walk
 
-from kalscope import BadSetting, Recording, load_tuning, save_tuning
+from kalscope import BadSetting, load_tuning, save_tuning
 from kalscope.filtering.filter import GrowingRun, fuse
 from kalscope.filtering.params import FilterParams
 from kalscope.tuning.tuning import ChannelTuning
@@ -23,11 +23,8 @@ from kalscope_app.session.state import SAME_NUMBERS
 SENSORS = ("a", "b", "c")
 
 
-def recording(names=(*SENSORS, "t"), units=("mm", "mm", "mm", "degC"), n=600, period=0.02):
-    g = np.random.default_rng(5)
-    x = np.cumsum(g.normal(0.0, 0.1, n))
-    z = x[:, None] + g.normal(size=(n, len(names)))
-    return Recording(np.arange(n) * period, names, units, z, period)
+def recording(names=(*SENSORS, "t"), units=("mm", "mm", "mm", "degC"), n=600):
+    return walk(n, names, units, 0.02)
 
 
 def params():
@@ -76,7 +73,7 @@ def test_noise_and_offset_of_a_sensor_are_typed(state):
     assert changes.set_sensor_text("c", "offset", " ")(typed).fusion.tuning.offset[2] == 0.0
     assert changes.set_sensor_text("c", "r", "9")(typed) is typed
     for text in ("much", "-1"):
-        with pytest.raises(BadSetting, match="r of c|r must be"):
+        with pytest.raises(BadSetting, match=r"r of c|r must be"):
             changes.set_sensor_text("c", "r", text)(state)
 
 
@@ -93,20 +90,12 @@ def test_q_momentum_and_gate_are_those_of_the_fused_filter_while_it_is_on_screen
     assert linked.tuning == before[0]
 
 
-def test_a_channel_and_the_fused_value_are_chosen_by_name(state):
-    alone = select_channel("b")(state)
-    assert (alone.fusion, alone.fused, alone.measured) == (None, state.fusion, ("b",))
-    assert select_channel("fused")(alone).measured == SENSORS
-    with pytest.raises(BadSetting):
-        select_channel("fused")(stop_fusing(state))
-
-
 def test_each_gesture_is_undone_and_done_again(state):
     fuse_again = apply_fusion(state.recording, SENSORS, params(), "maximum likelihood")
     drop, noise = set_taking_part("a", False), changes.set_sensor_text("b", "r", "0.1")
     session = Session(opened(state.recording))
     seen = [session.apply_requests()[0]]
-    for gesture in (fuse_again, drop, noise, select_channel("b"), stop_fusing):
+    for gesture in (fuse_again, drop, noise, select_channel("b"), select_channel("fused"), stop_fusing):
         session.request(gesture)
         seen.append(session.apply_requests()[0])
     for step, states in ((undo, seen[-2::-1]), (redo, seen[1:])):

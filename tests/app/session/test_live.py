@@ -6,8 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from tests.app.feed import Board
-from tests.support.waiting import wait_until
+from tests.app.recordings import Board
 
 from kalscope import BadSetting, Recording, kalman_filter
 from kalscope.estimation.request import starting_params
@@ -131,28 +130,22 @@ def test_the_boards_own_filter_is_drawn_and_compared():
     assert compute_frame(changes.set_board_channel(None)(state)).board is None
 
 
-@pytest.mark.slow
 def test_a_silent_board_is_drawn_again_only_when_its_status_changes(board, monkeypatch):
-    for name, seconds in (("SETTLING", 0.0), ("STATUS_INTERVAL", 0.0), ("LIVE_INTERVAL", 0.01)):
-        monkeypatch.setattr(f"kalscope_app.engine.engine.{name}", seconds)
-    frames, looks = [], board.looked_at
+    for name in ("SETTLING", "STATUS_INTERVAL"):
+        monkeypatch.setattr(f"kalscope_app.engine.engine.{name}", 0.0)
+    frames = []
 
     def show(frame, parts):
         frames.extend([frame] if Part.SIGNAL in parts else [])
 
     engine = Engine(Session(opened_board(board.send(500)), board), show, pytest.fail)
-    engine.start()
-    try:
-        wait_until(lambda: frames and len(looks) > 10, "ten turns of the engine")
-        assert len(frames) == 1
-        status = SimpleNamespace(word="disconnected, waiting", hint="", recording=None)
-        board.state = lambda _board=None: ConnectionState(True, False, status)
-        wait_until(lambda: frames[-1].connection.status is status, "a frame of the new status")
-        turns = len(looks)
-        wait_until(lambda: len(looks) > turns + 10, "ten more turns")
-        assert len(frames) == 2
-    finally:
-        engine.stop()
+    status = SimpleNamespace(word="disconnected, waiting", hint="", recording=None)
+    for connection, count in (board.state(), 1), (ConnectionState(True, False, status), 2):
+        board.state = lambda _board=None, connection=connection: connection
+        for _ in range(5):
+            engine._turn()
+        assert len(frames) == count
+    assert frames[-1].connection.status is status
 
 
 def test_what_the_command_line_asked_for_waits_until_the_channels_are_known(board):

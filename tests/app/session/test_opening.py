@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tests.app.feed import Board
+from tests.app.recordings import Board, walk
 
-from kalscope import FilterParams, Recording
+from kalscope import FilterParams
 from kalscope.estimation.request import FitResult
 from kalscope.papers.reproduction import list_experiments, open_experiment
 from kalscope_app.engine.frame import compute_frame
@@ -47,9 +47,8 @@ def test_the_second_papers_filter_has_its_gain_and_can_be_left():
 SET = {"q": "7", "r": "3", "p0": "2", "gate": "16", "momentum": "12"}
 
 
-def recording(title, names=("a", "b"), units=("", ""), scale=1.0):
-    values = scale * np.random.default_rng(len(title)).normal(size=(600, len(names)))
-    return Recording(np.arange(600) * 0.01, names, units, values, 0.01, source=title, title=title)
+def recording(title, names=("a", "b"), units=""):
+    return walk(600, names, units, source=title, title=title)
 
 
 @pytest.fixture

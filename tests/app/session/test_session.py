@@ -9,36 +9,29 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from tests.app.recordings import walk
 
-from kalscope import BadFile, BadSetting, FilterParams, Recording, kalman_filter, open_source, read_recording
+from kalscope import BadFile, BadSetting, open_source, read_recording
 from kalscope.estimation.request import starting_params
 from kalscope.filtering.params import MAX_MOMENTUM
 from kalscope.sources.samples import list_samples
 from kalscope.tuning.file import dumps
-from kalscope_app.engine.frame import compute_frame
 from kalscope_app.session import changes
 from kalscope_app.session.changes import reset_parameters, select_channel, set_exponent, set_text
 from kalscope_app.session.opening import later_answers, opened, opened_raw, with_firsts
 from kalscope_app.session.session import HELD, LIMIT, Failed, History, Session, record, redo, step, undo
-from kalscope_app.session.state import SAME_LAG, SAME_NUMBERS, UNLINKED, View
+from kalscope_app.session.state import View
 from kalscope_app.studies.checks import compute_checks
-
-
-def recording(n=1000, period=0.01, scale=1.0, names=("a", "b"), sha256="x"):
-    g = np.random.default_rng(0)
-    values = scale * g.normal(size=(n, len(names)))
-    time = np.arange(n) * (period or 1.0)
-    return Recording(time, names, ("V",) * len(names), values, period, source="file.csv", sha256=sha256)
 
 
 @pytest.fixture
 def state():
-    return opened(recording())
+    return opened(walk())
 
 
 def test_a_new_recording_starts_with_its_first_answer(state):
     assert state.params == starting_params(state.recording.channel("a"))
-    wide = opened(recording(names=tuple(map(str, range(40)))))
+    wide = opened(walk(names=tuple(map(str, range(40)))))
     late = select_channel("39")(wide)
     assert (
         late.params == late.start.params == starting_params(wide.recording.channel("39")) != wide.starts[39].params
@@ -53,7 +46,7 @@ def test_no_sample_opens_as_too_slow_or_too_fast():
 
 
 def test_late_first_answers_leave_what_was_touched_and_are_no_step_of_undo():
-    raw, whole = opened_raw(recording()), opened(recording())
+    raw, whole = opened_raw(walk()), opened(walk())
     session = Session(raw)
     session.request(set_text("q", "0.5"))
     for firsts in later_answers(raw):
@@ -72,7 +65,7 @@ def test_late_first_answers_leave_what_was_touched_and_are_no_step_of_undo():
 
 @pytest.mark.parametrize("scale", [1e-9, 1.0, 1e9])
 def test_a_slider_follows_the_scale_of_the_data_sets_three_digits_and_is_clamped(scale):
-    state = opened(recording(scale=scale))
+    state = opened(walk(scale=scale))
     for name in ("q", "r", "p0"):
         low, high = changes.slider_limits(state, name)
         assert low < math.log10(getattr(state.tuning, name) or state.tuning.r) < high
@@ -147,18 +140,14 @@ def test_the_rate_of_a_file_can_be_overruled_and_given_back(tmp_path):
     """As `--sample-period` does: the stamps stay where they are."""
     file = tmp_path / "log.csv"
     file.write_text("t_s,z\n" + "".join(f"{0.01 * i:.2f},{i % 7}\n" for i in range(60)))
-    read = opened(read_recording(file))
-    as_option = read_recording(file, sample_period=0.02)
-    session = Session(read)
-    session.request(changes.set_sample_period("0.02"))
-    typed = session.apply_requests()[0]
+    read, as_option = opened(read_recording(file)), read_recording(file, sample_period=0.02)
+    typed = changes.set_sample_period("0.02")(read)
     assert typed.recording.sample_period == as_option.sample_period == 0.02
     assert np.array_equal(typed.recording.time, as_option.time)
     assert typed.recording.report.timing.source == "option"
     assert changes.set_sample_period("")(changes.set_sample_period("0.5")(typed)).recording is read.recording
-    session.request(undo)
-    assert session.apply_requests()[0].recording is read.recording
-    untimed = opened(recording(period=None))
+    assert step(record(History(), read, typed, "", 0.0), typed, back=True)[1].recording is read.recording
+    untimed = opened(walk(period=None))
     assert changes.set_sample_period("0,02")(untimed).recording.time[:3].tolist() == [0.0, 0.02, 0.04]
     with pytest.raises(BadSetting, match="above 0"):
         changes.set_sample_period("0")(untimed)
@@ -200,7 +189,7 @@ def test_at_least_a_hundred_gestures_are_kept_but_few_recordings(state):
     assert LIMIT >= 100
     assert 100 <= len(history.past) <= LIMIT
     for _ in range(10):
-        after = opened(recording(), present)
+        after = opened(walk(), present)
         history, present = record(history, present, after, "", 0.0), after
     assert len({id(s.recording) for s in history.past}) <= 4
 
@@ -247,27 +236,7 @@ def test_a_momentum_is_typed_in_samples_or_as_a_time_or_refused_by_its_name(stat
         with pytest.raises(BadSetting, match="momentum must be"):
             set_text("momentum", text)(state)
     with pytest.raises(BadSetting, match="momentum must be in samples while the sample period is not known"):
-        set_text("momentum", "120 ms")(opened(recording(period=None)))
-
-
-def test_the_other_channels_keep_their_momentum_unless_they_are_linked(state):
-    for link, other in ((UNLINKED, 0.0), (SAME_NUMBERS, 12.0), (SAME_LAG, 12.0)):
-        tuned = with_momentum(changes.set_link(link)(state), 12.0)
-        assert [tuning.momentum for tuning in tuned.tunings] == [12.0, other]
-
-
-@pytest.mark.parametrize("period", [0.02, None])
-def test_the_frame_shows_the_filter_with_momentum_and_its_velocity_on_request(period):
-    state = with_momentum(opened(recording(period=period)), 12.0)
-    plain, shown = (compute_frame(one) for one in (state, changes.set_velocity(True)(state)))
-    expected = kalman_filter(state.z, FilterParams(state.tuning.q, state.tuning.r, momentum=12.0))
-    assert np.array_equal(shown.filtered, expected.x, equal_nan=True)
-    assert plain.velocity is None
-    rate = 1.0 if period is None else 1.0 / period
-    np.testing.assert_allclose(shown.velocity, expected.velocity * rate, rtol=1e-12)
-    np.testing.assert_allclose(shown.velocity_spread, 2.0 * rate * np.sqrt(expected.velocity_p), rtol=1e-12)
-    off = changes.set_velocity(True)(changes.set_momentum_position(0.0)(state))
-    assert compute_frame(off).velocity is None  # the five lines have none
+        set_text("momentum", "120 ms")(opened(walk(period=None)))
 
 
 # --- a settings file loaded onto what is open -----------------------------------------------------------
@@ -283,10 +252,10 @@ def test_a_file_that_was_saved_comes_back_can_be_undone_and_is_rescaled_for_anot
     assert (loaded.tunings, loaded.note) == (tuned.tunings, "Loaded mine.toml.")
     session.request(undo)
     assert session.apply_requests()[0].settings == state.settings
-    slower = changes.use_settings(tuning, "mine.toml")(opened(recording(period=0.02)))
+    slower = changes.use_settings(tuning, "mine.toml")(opened(walk(period=0.02)))
     assert slower.tuning.q == pytest.approx(14.0)
     assert slower.note.startswith("Loaded mine.toml. Q was multiplied by 2")
-    untimed = changes.use_settings(tuning, "mine.toml")(opened(recording(period=None)))
+    untimed = changes.use_settings(tuning, "mine.toml")(opened(walk(period=None)))
     assert (untimed.recording.sample_period, untimed.tuning.q) == (0.01, 7.0)
 
 

@@ -6,8 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from tests.app.recordings import walk
 
-from kalscope import BadSetting, Recording, kalman_filter, steady_state
+from kalscope import BadSetting, kalman_filter, steady_state
 from kalscope.papers.generalized import GeneralizedParams
 from kalscope_app.engine.filter_runs import Cache, FilterRuns, choose_samples
 from kalscope_app.session.changes import delete_variant, pin_present, select_channel, set_text, use_variant
@@ -18,10 +19,7 @@ from kalscope_app.studies.comparisons import compute_variants
 
 @pytest.fixture
 def state():
-    g = np.random.default_rng(3)
-    signal = np.cumsum(g.normal(0, 0.1, (400, 2)), axis=0)
-    z = signal + g.normal(size=(400, 2))
-    return opened(Recording(np.arange(400) * 0.01, ("a", "b"), ("V", "V"), z, 0.01, truth=signal))
+    return opened(walk(400, truth=True))
 
 
 def pin(state, *values):

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from tests.app.recordings import walk
 from viser._messages import GuiUpdateMessage
 from viser.infra._async_message_buffer import AsyncMessageBuffer
 
@@ -111,13 +112,8 @@ def test_what_is_no_move_comes_as_one_batch(watched):
         assert len(watched.data(first, chart)[0]) > 2
 
 
-def frame_of(n, *, truth=False, missing=0.0):
-    rng = np.random.default_rng(n)
-    signal = np.cumsum(rng.normal(0, 0.1, n))
-    z = signal + rng.normal(size=n)
-    z[rng.random(n) < missing] = np.nan
-    clean = signal[:, None] if truth else None
-    return compute_frame(opened(Recording(np.arange(n) * 0.01, ("z",), ("V",), z[:, None], 0.01, truth=clean)))
+def frame_of(n, **more):
+    return compute_frame(opened(walk(n, ("z",), seed=n, **more)))
 
 
 @pytest.mark.slow

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from tests.app.recordings import walk
 
 from kalscope import BadSetting, FilterParams, Recording, estimate, steady_state
 from kalscope.common.text import percent
@@ -14,15 +15,9 @@ from kalscope_app.views import goal
 from kalscope_app.views.goal import SEARCH_METHODS, answer_text, method_of, settings_of
 
 
-def recording(n=2000, period=0.01, seed=0):
-    g = np.random.default_rng(seed)
-    values = np.cumsum(g.normal(0, np.sqrt(0.05), (n, 2)), axis=0) + g.normal(size=(n, 2))
-    return Recording(np.arange(n) * (period or 1.0), ("a", "b"), ("V", "V"), values, period)
-
-
 @pytest.fixture
 def state():
-    return opened(recording())
+    return opened(walk(2000))
 
 
 def search(state, way, text=""):
@@ -82,9 +77,9 @@ def test_the_answer_is_one_sentence_with_what_it_costs_and_what_has_changed(stat
 
 
 def test_the_lag_is_first_that_of_the_medium_setting_in_a_unit_that_suits_it():
-    units = {None: "samples", 0.002: "ms", 0.1: "ms", 10.0: "s", 240.0: "min", 31557600.0: "years"}
+    units = {None: "samples", 0.002: "ms", 0.1: "ms", 3.0: "s", 240.0: "min", 31557600.0: "years"}
     for period, unit in units.items():
-        state = opened(recording(period=period))
+        state = opened(walk(2000, period=period))
         lag = proposed_lag(goal.costs_of(state), state.tuning.params)
         assert 0.5 < lag < 10.0
         method = method_of(state)
@@ -96,7 +91,7 @@ def test_the_lag_is_first_that_of_the_medium_setting_in_a_unit_that_suits_it():
 
 def test_three_settings_are_offered_where_the_best_fit_hardly_filters():
     time = np.arange(2000) * 0.01
-    still, moving = opened(recording()), opened(Recording(time, ("a",), ("",), np.sin(time)[:, None], 0.01))
+    still, moving = opened(walk(2000)), opened(Recording(time, ("a",), ("",), np.sin(time)[:, None], 0.01))
     assert settings_of(still) == {}
     lost = [one.movement_lost for one in settings_of(moving).values()]
     assert (list(settings_of(moving)), lost) == (["light", "medium", "strong"], sorted(lost))
@@ -107,7 +102,7 @@ def test_a_late_answer_goes_to_its_own_channel_or_nowhere(state):
     found = FitResult(FilterParams(7.0, 8.0), "x", "y")
     on_b = apply_found(state.recording, "a", found)(select_channel("b")(state))
     assert (on_b.tunings[0].q, on_b.tuning, on_b.searched) == (7.0, state.tunings[1], None)
-    elsewhere = opened(recording(seed=1))
+    elsewhere = opened(walk(seed=1))
     late = apply_found(state.recording, "a", found)(elsewhere)
     assert late.tunings == elsewhere.tunings
     assert "another recording" in late.note

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from tests.app.headless import headless
+from tests.app.recordings import walk
 
-from kalscope import Recording
 from kalscope_app.engine import engine as engine_module
 from kalscope_app.session.changes import pin_present
 from kalscope_app.session.opening import opened
@@ -28,14 +28,13 @@ def broken(*_args, **_options):
     raise RuntimeError("broken")
 
 
-def recording(seed):
-    z = np.cumsum(np.random.default_rng(seed).normal(size=(300, 2)), axis=0)
-    return Recording(np.arange(300.0), ("one", "two"), ("V", "V"), z + 10.0 * seed, 1.0, title=f"record {seed}")
+def shown_walk(seed, before=None):
+    return opened(walk(300, ("one", "two"), period=1.0, seed=seed, title=f"record {seed}"), before)
 
 
 @pytest.fixture(scope="module")
 def screen(tmp_path_factory):
-    with headless(opened(recording(1)), tmp_path_factory.mktemp("out")) as (bench, _client):
+    with headless(shown_walk(1), tmp_path_factory.mktemp("out")) as (bench, _client):
         yield Screen(bench)
 
 
@@ -47,7 +46,7 @@ class Screen:
         self.views = {name: view for name, view in vars(dashboard).items() if any(widgets_in(view))}
         assert len(self.views) > 15
         bench.request(lambda state: pin_present(state.with_view(map_shown=True, why_shown=True)))
-        self.first, self.second = bench.state, opened(recording(2), bench.state)
+        self.first, self.second = bench.state, shown_walk(2, bench.state)
         self.at_second, self.at_first = self.look_at(self.second), self.look_at(self.first)
 
     def look_at(self, *states):

@@ -1,4 +1,4 @@
-"""A live board whose samples the test sends."""
+"""What the tests of the dashboard show: random walks, and a live board whose samples the test sends."""
 
 from __future__ import annotations
 
@@ -10,6 +10,16 @@ import numpy as np
 from kalscope import Recording
 from kalscope.sources.live.samples import Snapshot
 from kalscope_app.session.state import ConnectionState
+
+
+def walk(n=1000, names=("a", "b"), units="V", period=0.01, *, scale=1.0, missing=0.0, truth=False, seed=0, **more):
+    """A walk of steps of variance 0.01 under noise of variance 1 in each channel, times `scale`."""
+    g = np.random.default_rng(seed)
+    signal = scale * np.cumsum(g.normal(0.0, 0.1, (n, len(names))), axis=0)
+    z = signal + scale * g.normal(size=signal.shape)
+    z[g.random(z.shape) < missing] = np.nan
+    more, time = {"source": "file.csv", "truth": signal if truth else None, **more}, np.arange(n) * (period or 1.0)
+    return Recording(time, names, (units,) * len(names) if isinstance(units, str) else units, z, period, **more)
 
 
 class Board:
