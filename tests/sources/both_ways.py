@@ -22,12 +22,8 @@ def assert_same_by_line(path):
     if isinstance(fast, KalscopeError):
         assert (type(fast), str(fast)) == (type(slow), str(slow))
     else:
-        assert (fast.report, fast.names, fast.units, fast.sample_period) == (
-            slow.report,
-            slow.names,
-            slow.units,
-            slow.sample_period,
-        )
+        for name in ("report", "names", "units", "sample_period"):
+            assert getattr(fast, name) == getattr(slow, name), name
         np.testing.assert_array_equal(fast.time, slow.time)
         np.testing.assert_array_equal(fast.values, slow.values)
     return fast

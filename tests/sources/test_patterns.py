@@ -1,8 +1,8 @@
 """Every regular expression over outside text takes a time that is linear in the length of the text.
 
 Each pattern searches texts that lead into one of its repeats and then fail. A linear one takes a small part of the
-time of the processor that is allowed, any other several times as much, on a busy machine too. The patterns are found
-by importing all modules, and by reading their source for those that are written where they are used.
+processor's time that is allowed, any other several times as much, also on a busy machine. They are found by
+importing all modules, and by reading the source for those that are written where they are used.
 """
 
 from __future__ import annotations

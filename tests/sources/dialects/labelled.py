@@ -28,9 +28,8 @@ def make_labelled(rng: Random) -> Case:
         seconds = np.arange(n) * step / 1000
         case.stamps = Stamps(clock, "even", (), (), seconds, step / 1000)
         case.period = step / 1000
-    case.dialect |= {"clock": clock, "step": step}
     between = rng.choice([", ", ",", "\t", " "])
-    case.dialect |= {"between": between}
+    case.dialect |= {"clock": clock, "step": step, "between": between}
     lines = [line(case, style, clock, between, texts[i], i * step) for i in range(n)]
     finish(rng, case, lines, () if style == "json" else ("comments",))
     return case

@@ -41,29 +41,17 @@ FORMS = {
     "month name": 1000, "ctime": 1_000_000, "compact": 1_000_000, "clock": 1000, "two columns": 1_000_000,
     "six columns": 1_000_000, "minutes": 1000,
 }  # fmt: skip
-WITHOUT_BLANKS = frozenset(
-    (
-        "seconds",
-        "millis",
-        "micros",
-        "epoch s",
-        "epoch ms",
-        "epoch us",
-        "clock",
-        "two columns",
-        "compact",
-        "six columns",
-    )
-)
-WITHOUT_NAME = frozenset(FORMS) - {"millis", "micros", "six columns", "minutes"}
+WITHOUT_BLANKS = {"seconds", "millis", "micros", "epoch s", "epoch ms", "epoch us"}
+WITHOUT_BLANKS |= {"clock", "two columns", "compact", "six columns"}
+WITHOUT_NAME = set(FORMS) - {"millis", "micros", "six columns", "minutes"}
 """What a human knows as a time without a name above it."""
 MIN_COARSE_ROWS = 70
-WHOLE = frozenset(form for form, resolution in FORMS.items() if resolution == 1_000_000)
+WHOLE = {form for form, resolution in FORMS.items() if resolution == 1_000_000}
 
 
 def make_stamps(rng: Random, n: int, delimiter: str, decimal: str, *, named: bool) -> Stamps:
     """Time columns of n samples that suit a table with this delimiter."""
-    forms = set(FORMS) if named else set(WITHOUT_NAME)
+    forms = set(FORMS) if named else WITHOUT_NAME
     form = rng.choice(sorted(forms & WITHOUT_BLANKS if delimiter == " " else forms))
     resolution = FORMS[form]
     shapes = ["even"] * 4 + ["jitter", "pause"]
@@ -84,10 +72,9 @@ def sample_times(rng: Random, n: int, resolution: int, shape: str, *, daily: boo
     if shape == "coarse":
         rate = rng.uniform(2.5, max(3.0, n / 25))
         return (np.arange(n) / rate).astype(np.int64) * 1_000_000, 1 / rate
-    whole = (1, 2, 5, 10, 30, 60, 300, 600) if daily else (1,)
-    step = (
-        rng.choice(whole) * 1_000_000 if resolution == 1_000_000 else rng.choice((4, 5, 10, 20, 40, 50, 100)) * 1000
-    )
+    is_whole = resolution == 1_000_000
+    steps = (4, 5, 10, 20, 40, 50, 100) if not is_whole else (1, 2, 5, 10, 30, 60, 300, 600) if daily else (1,)
+    step = rng.choice(steps) * (1_000_000 if is_whole else 1000)
     micros = np.arange(n) * step
     if shape == "burst":
         size = rng.randint(3, 8)
@@ -113,9 +100,7 @@ def written(
         return names, tuple((at.strftime(date), at.strftime("%H:%M:%S")) for at in when)
     if form == "six columns":
         names = ("Year", "Month", "Day", "Hour", "Minute", "Second")
-        return names, tuple(
-            (f"{at:%Y}", *(str(int(at.strftime(c))) for c in ("%m", "%d", "%H", "%M", "%S"))) for at in when
-        )
+        return names, tuple(tuple(map(str, at.timetuple()[:6])) for at in when)
     name = rng.choice(["Time", "timestamp", "Timestamp", "datetime", "Date/Time", "time"])
     return (name,), tuple((text,) for text in _texts(rng, form, when))
 
@@ -130,10 +115,8 @@ def _texts(rng: Random, form: str, when: list[datetime]) -> list[str]:
     if form == "ctime":
         zone = rng.choice(["", " GMT+08:00", " UTC"])
         return [f"{DAYS[at.weekday()]} {MONTHS[at.month - 1]} {at:%d %H:%M:%S}{zone} {at:%Y}" for at in when]
-    if form == "minutes":
-        return [f"{at:%M:%S}.{at.microsecond // 1000:03}" for at in when]
-    if form == "clock":
-        return [f"{at:%H:%M:%S}.{at.microsecond // 1000:03}" for at in when]
+    if form in ("minutes", "clock"):
+        return [f"{at:{'%M:%S' if form == 'minutes' else '%H:%M:%S'}}.{at.microsecond // 1000:03}" for at in when]
     pattern = rng.choice(_PATTERNS[form])
     return [at.strftime(pattern) for at in when]
 

@@ -107,8 +107,7 @@ def samples(rng: Random, case: Case, n: int, width: int, delimiter: str, decimal
             case.values[i, j] = float(text)
             if grouped and not power and digits:
                 text = f"{float(text):,.{digits}f}"
-                text = text.replace(",", "\0").replace(".", decimal).replace("\0", thousands)
-            cells[i][j] = text.replace(".", decimal) if not (grouped and not power and digits) else text
+            cells[i][j] = text.translate(str.maketrans(",.", thousands + decimal))
     case.dialect["grouped"] = grouped
     lose_some(rng, case, cells, delimiter)
     return cells
@@ -142,11 +141,8 @@ def headings(
     names = tuple(rng.sample(pool, width))
     style = rng.choice(["", "", " [{}]", " ({})", "[{}]"]) if delimiter != " " else rng.choice(["", "[{}]"])
     units = tuple(rng.choice(UNITS) if style and header else "" for _ in names)
-    return (
-        names,
-        units,
-        [name + style.format(unit) if unit else name for name, unit in zip(names, units, strict=True)],
-    )
+    labels = [name + style.format(unit) if unit else name for name, unit in zip(names, units, strict=True)]
+    return names, units, labels
 
 
 def suffix_units(rng: Random, case: Case, columns: list[list[str]], delimiter: str, *, header: bool) -> None:
@@ -172,9 +168,8 @@ def table_lines(
     delimiter = str(case.dialect["delimiter"])
     between = delimiter + " " if delimiter in ",;" and rng.random() < 0.15 and not quoted else delimiter
     between = " " * rng.randint(1, 3) if delimiter == " " else between
-    trailing = (
-        rng.choice(["none"] * 6 + ["rows", "both", "spaced"]) if delimiter != " " and len(rows[0]) > 1 else "none"
-    )
+    may_trail = delimiter != " " and len(rows[0]) > 1
+    trailing = rng.choice(["none"] * 6 + ["rows", "both", "spaced"]) if may_trail else "none"
     end = {"none": "", "rows": delimiter, "both": delimiter, "spaced": delimiter + " "}[trailing]
     case.dialect |= {"between": between, "trailing": trailing}
 
@@ -187,13 +182,7 @@ def table_lines(
         style = rng.choice(["{}", "[{}]", "({})"])
         lines.append(line([style.format(unit) if unit else "" for unit in units], above))
         case.dialect["unit row"] = style
-    if (
-        heads is not None
-        and delimiter not in " |"
-        and rng.random() < 0.06
-        and trailing == "none"
-        and len(rows[0]) > 2
-    ):
+    if heads and delimiter not in " |" and rng.random() < 0.06 and trailing == "none" and len(rows[0]) > 2:
         added = rng.randint(5, len(rows) // 2)
         where = [i for i, name in enumerate(case.names) if heads[-1].startswith(name)]
         if where:
@@ -214,8 +203,7 @@ def finish(rng: Random, case: Case, lines: list[str], prefaces: tuple[str, ...] 
         case.dialect["status"] = True
     newline = rng.choice(["\n", "\n", "\n", "\r\n", "\r\n", "\r"])
     text = newline.join(lines) + newline
-    encodings = ["utf-8"] * 5 + ["utf-8-sig", "utf-16", "latin-1"]
-    encoding = rng.choice(encodings)
+    encoding = rng.choice(["utf-8"] * 5 + ["utf-8-sig", "utf-16", "latin-1"])
     case.dialect |= {"newline": newline, "encoding": encoding}
     case.data = text.encode(encoding)
     if encoding.startswith("utf-8") and rng.random() < 0.04:
@@ -233,9 +221,8 @@ def preface(rng: Random, case: Case, style: str) -> list[str]:
         lines += [mark + between.join(pair) for pair in rng.sample(FACTS, rng.randint(1, 4))]
     if case.stamps is None and rng.random() < 0.7:
         rate = rng.choice([10, 25, 50, 100, 128, 250, 1000])
-        said = rng.choice(
-            [("Sample Rate", f"{rate} Hz"), ("Sampling Rate (Hz)", f"{rate}"), ("Sample Interval", f"{1 / rate} s")]
-        )
+        hertz = ("Sample Rate", f"{rate} Hz"), ("Sampling Rate (Hz)", f"{rate}")
+        said = rng.choice([*hertz, ("Sample Interval", f"{1 / rate} s")])
         lines.append(mark + between.join(said))
         case.period = 1 / rate
         case.dialect["rate"] = said

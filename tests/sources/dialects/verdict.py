@@ -6,6 +6,7 @@ Asked is what a note answers: it names the options with which the log is read ex
 from __future__ import annotations
 
 import re
+from contextlib import suppress
 from pathlib import Path
 from random import Random
 from typing import Any
@@ -38,12 +39,12 @@ def judge(case: Case, path: Path) -> tuple[str, str]:
         recording = read_recording(path)
     except KalscopeError as error:
         return "refused", str(error)
-    why = difference(case, recording)
-    if not why:
+    if not (why := difference(case, recording)):
         return "exact", ""
     for note in recording.report.notes:
-        if (options := named_options(note)) and is_exact(case, path, options):
-            return "asked", f"{why}; {note}"
+        with suppress(KalscopeError):
+            if (options := named_options(note)) and not difference(case, read_recording(path, options)):
+                return "asked", f"{why}; {note}"
     return "wrong", why
 
 
@@ -61,21 +62,12 @@ def named_options(note: str) -> ReadOptions | None:
         return None
 
 
-def is_exact(case: Case, path: Path, options: ReadOptions) -> bool:
-    """Whether a user who takes the options of a note gets the right reading."""
-    try:
-        return not difference(case, read_recording(path, options))
-    except KalscopeError:
-        return False
-
-
 def difference(case: Case, recording: Recording) -> str:
     """What differs from the right reading; "" where nothing does."""
     if len(recording) != len(case.values):
         return f"{len(recording)} rows for {len(case.values)}"
     for j in range(case.values.shape[1]):
-        why = channel_difference(case, recording, j)
-        if why:
+        if why := channel_difference(case, recording, j):
             return why
     spare = len(recording.names) - case.values.shape[1] - ("counter" in case.dialect)
     if spare > 0:

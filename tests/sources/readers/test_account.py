@@ -1,6 +1,7 @@
 """How a recording was read, in one line, in warnings and in full; each refusal says where and what to try."""
 
 import json
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -26,9 +27,8 @@ def test_a_clean_file_is_summed_up_in_one_line_with_its_many_comments(read):
 
 
 def test_more_than_two_percent_of_rejected_lines_are_a_warning(read):
-    few = read(table([*ROWS, *["status ok,1"] * 4]))
+    assert warnings(read(table([*ROWS, *["status ok,1"] * 4]))) == ()
     many = read(table([*ROWS[:100], *["status ok,1"] * 5, *ROWS[100:]]))
-    assert warnings(few) == ()
     (said,) = warnings(many)
     assert said.startswith("2.4 % of the lines were rejected, the first is line 102: must have 3 fields (got 2)")
     assert "(got 'status ok,1')" in said
@@ -90,19 +90,13 @@ REFUSED = {
 def test_a_refusal_says_where_and_what_to_try(read, text, said):
     with pytest.raises(BadFile) as refused:
         read(text)
-    message = str(refused.value)
-    assert message.startswith("log.csv must ")
-    assert "(got" in message
-    assert [words for words in said if words not in message] == []
-    assert "\n" not in message
-    assert len(message) < 400
+    assert re.fullmatch(r"log\.csv must .*\(got.{1,380}", str(refused.value))
+    assert [words for words in said if words not in str(refused.value)] == []
 
 
 def test_options_that_leave_no_table_are_named(read):
-    text = "".join(f"{i};{i % 3}.5;x\n" for i in range(50))
-    read(text)
     with pytest.raises(BadFile, match=r"leave out --delimiter bar"):
-        read(text, delimiter="|")
+        read("".join(f"{i};{i % 3}.5;x\n" for i in range(50)), delimiter="|")
 
 
 def test_a_head_that_promised_more_than_the_lines_hold_names_the_first(read):

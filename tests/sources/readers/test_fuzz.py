@@ -5,7 +5,6 @@
 import codecs
 import random
 import re
-from collections import Counter
 
 import numpy as np
 import pytest
@@ -81,23 +80,16 @@ def check(path, data):
     path.write_bytes(data)
     recording = assert_same_by_line(path)
     if isinstance(recording, KalscopeError):
-        assert "must" in str(recording) or "cannot be read" in str(recording)
-        assert "\n" not in str(recording)
-    else:
-        check_reading(recording, data)
-
-
-def check_reading(recording, data):
+        assert re.fullmatch(".*(must|cannot be read).*", str(recording))
+        return
     report = recording.report
     assert report.rows + report.rejected + report.blank + report.comments + report.headers == report.lines
     assert len([issue for issue in report.issues if issue.column is None]) == min(report.rejected, 100)
     assert recording.values.shape == (len(recording), len(recording.names))
     assert len(set(recording.names)) == len(recording.names) == len(recording.units)
-    assert not np.isinf(recording.values).any()
     assert np.isfinite(recording.time).all()
     text = decoded(data)
-    values = set(recording.values[np.isfinite(recording.values)].tolist())
-    assert values <= written(text)
+    assert set(recording.values[~np.isnan(recording.values)].tolist()) <= written(text)
     assert report.lines == len(re.sub("\r\n?", "\n", text).removesuffix("\n").split("\n"))
 
 
@@ -136,18 +128,10 @@ def test_any_bytes_at_all_are_accounted_for(tmp_path_factory, data):
 LOGS = 50 if FUZZ == 1 else 200 * FUZZ
 RARE = (1225, 1299, 1344, 1413, 1764, 2118, 2138)
 """Seeds of settings above nameless rows, units that begin with %, first rows without samples, an added field."""
-MIN_EXACT = 0.99
-
-
-def verdicts(tmp_path):
-    """(seed, verdict, why) of every log."""
-    path = tmp_path / "log.txt"
-    return [(seed, *judge(make_case(seed), path)) for seed in (*range(LOGS), *RARE)]
 
 
 def test_a_log_in_any_dialect_is_read_exactly_or_not_at_all(tmp_path):
-    found = verdicts(tmp_path)
-    counts = Counter(verdict for _, verdict, _ in found)
-    told = "\n".join(f"seed {seed}: {verdict}: {why[:120]}" for seed, verdict, why in found if verdict != "exact")
-    assert not counts["wrong"], f"{counts}\n{told[:4000]}"
-    assert counts["exact"] >= MIN_EXACT * LOGS, f"{counts}\n{told[:4000]}"
+    found = {seed: judge(make_case(seed), tmp_path / "log.txt") for seed in (*range(LOGS), *RARE)}
+    odd = [f"seed {seed}: {verdict}: {why[:120]}" for seed, (verdict, why) in found.items() if verdict != "exact"]
+    assert not [line for line in odd if ": wrong: " in line], odd
+    assert len(odd) <= 0.01 * len(found), odd

@@ -69,10 +69,8 @@ def test_reading_a_line_takes_calls_in_proportion_to_it(head):
     check(lambda text: reader.read(1, text))
 
 
-@pytest.mark.parametrize(
-    "line",
-    [hostile(64_000, lead, run) for lead in ("", "# unit ", "a:", "1,") for run in (" ", "1", ":", '"', "1,")],
-)
-def test_a_file_with_a_line_of_64_kb_is_read_or_refused(read, line):
+@pytest.mark.parametrize("lead", ["", "# unit ", "a:", "1,"])
+@pytest.mark.parametrize("run", [" ", "1", ":", '"', "1,"])
+def test_a_file_with_a_line_of_64_kb_is_read_or_refused(read, lead, run):
     with suppress(BadFile):
-        assert len(read("\n".join([*ROWS[:30], line, *ROWS[30:], ""]))) >= len(ROWS)
+        assert len(read("\n".join([*ROWS[:30], hostile(64_000, lead, run), *ROWS[30:], ""]))) >= len(ROWS)

@@ -22,15 +22,10 @@ def test_the_history_of_home_assistant(read):
     rows += [f"light.hall,{'on' if i % 2 else 'off'},{stamp(i, 60)}" for i in range(6)]
     text = "entity_id,state,last_changed\n" + "\n".join(rows) + "\n"
     recording = read(text)
-    assert recording.names == ("sensor.kitchen",)
-    want = X.copy()
-    want[7] = np.nan
-    np.testing.assert_array_equal(recording.values[:, 0], want)
-    assert recording.sample_period == 10.0
-    notes = " ".join(recording.report.notes)
-    assert '"sensor.hall" (20 × 1)' in notes
-    assert "light.hall" in notes
+    assert (recording.names, recording.sample_period) == (("sensor.kitchen",), 10.0)
+    np.testing.assert_array_equal(recording.values[:, 0], np.where(np.arange(30) == 7, np.nan, X))
     report = recording.report
+    assert all(said in " ".join(report.notes) for said in ('"sensor.hall" (20 × 1)', "light.hall"))
     assert report.lines == text.count("\n") == report.rows + report.headers
     np.testing.assert_array_equal(read(text, part="sensor.hall").values[:, 0], X[:20])
     with pytest.raises(BadSetting, match=r"sensor\.kitchen"):
@@ -45,36 +40,28 @@ def test_annotated_csv_of_influxdb(read):
         ",result,table,_start,_stop,_time,_value,_field,_measurement,room",
     ]
     for table, (field, scale) in enumerate([("humidity", 2), ("temperature", 1)]):
-        lines += [
-            f",,{table},{stamp(0)},{stamp(400)},{stamp(i)},{x * scale:.3f},{field},air,kitchen"
-            for i, x in enumerate(X)
-        ]
-        lines.append("")
+        row = f",,{table},{stamp(0)},{stamp(400)},{{}},{{:.3f}},{field},air,kitchen"
+        lines += [*(row.format(stamp(i), x * scale) for i, x in enumerate(X)), ""]
     recording = read("\n".join(lines) + "\n")
-    assert recording.names == ("humidity", "temperature")
+    assert (recording.names, recording.sample_period) == (("humidity", "temperature"), 10.0)
     np.testing.assert_allclose(recording.values, np.column_stack([2 * X, X]), atol=1e-9)
-    assert recording.sample_period == 10.0
 
 
 def test_time_name_value_and_unit(read):
     rows = [f"{i * 0.5};{name};{x};{unit}" for i, x in enumerate(X) for name, unit in (("T", "°C"), ("p", "hPa"))]
     recording = read("time;sensor;value;unit\n" + "\n".join(rows) + "\n")
-    assert (recording.names, recording.units) == (("T", "p"), ("°C", "hPa"))
+    assert (recording.names, recording.units, recording.sample_period) == (("T", "p"), ("°C", "hPa"), 0.5)
     np.testing.assert_array_equal(recording.values, np.column_stack([X, X]))
-    assert recording.sample_period == 0.5
     del rows[9]  # p misses a stamp
     values = read("time;sensor;value;unit\n" + "\n".join(rows) + "\n").values
     assert np.argwhere(np.isnan(values)).tolist() == [[4, 1]]
 
 
 def test_the_answer_of_thingsboard(read):
-    document = {
-        key: [{"ts": 1_700_000_000_000 + 5000 * i, "value": str(x)} for i, x in enumerate(X)] for key in ("t", "h")
-    }
-    assert read(json.dumps(document), "log.json", part="h").names == ("t", "h")
-    recording = read(json.dumps(document), "log.json")
-    assert recording.names == ("t", "h")
-    assert recording.sample_period == 5.0
+    series = [{"ts": 1_700_000_000_000 + 5000 * i, "value": str(x)} for i, x in enumerate(X)]
+    for part in (None, "h"):
+        recording = read(json.dumps({"t": series, "h": series}), "log.json", part=part)
+        assert (recording.names, recording.sample_period) == (("t", "h"), 5.0)
 
 
 @pytest.mark.parametrize("text", [

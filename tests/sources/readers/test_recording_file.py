@@ -1,5 +1,6 @@
 """What a file holds: bytes, encodings, lines, the order of its rows; what is none is refused by name."""
 
+import itertools
 import math
 from datetime import datetime, timedelta
 
@@ -16,15 +17,6 @@ from kalscope.sources.reading import recording_file, text_file
 from kalscope.sources.reading import rows as csv_rows
 from kalscope.sources.reading.recording_file import read_recording
 from kalscope.sources.reading.text_file import open_raw
-
-
-def _accounted(recording):
-    report = recording.report
-    parts = report.rows + report.rejected + report.blank + report.comments + report.headers
-    return parts == report.lines
-
-
-CLEAN = "t,a,b\n" + "".join(f"{0.01 * i:.2f},{20 + 0.37 * i:.4f},{-3 + 0.01 * i * i:.3f}\n" for i in range(40))
 
 
 def test_a_cell_that_is_no_number_is_a_missing_sample_with_line_column_and_text(read):
@@ -46,18 +38,6 @@ def test_a_line_of_the_wrong_shape_is_rejected_and_without_stamps_leaves_one_mis
     assert (recording.report.rows, recording.report.rejected) == (2, 1)
 
 
-@pytest.mark.slow
-def test_a_cut_number_is_never_taken_for_a_number(read):
-    lines = CLEAN.splitlines()
-    body = "\n".join(lines[:-1]) + "\n"
-    for cut in range(1, len(lines[-1])):
-        recording = read(body + lines[-1][:cut])
-        assert len(recording) == 39
-        assert recording.report.rejected == 1
-        assert recording.report.issues[0].line == 41
-        assert any("it is torn and was left out" in note for note in recording.report.notes)
-
-
 @pytest.mark.parametrize(
     ("last", "kept"),
     [("20,12", True), ("20,1.25", True), ("20,1.2", False), ("20,", False), ("20", False), ("20,1.25x", False)],
@@ -70,17 +50,10 @@ def test_a_last_line_without_newline_is_kept_where_it_has_all_its_values(read, l
 
 
 def test_the_last_line_of_a_file_that_grows_is_torn(tmp_path, monkeypatch):
-    path = tmp_path / "log.csv"
-    path.write_text("t,a\n" + "".join(f"{i},125\n" for i in range(20)) + "20,12")
-    read_block, size = csv_rows._read_block, path.stat().st_size
-
-    def read_and_append(text):
-        block = read_block(text)
-        if path.stat().st_size == size:
-            path.write_text(path.read_text() + "5\n")
-        return block
-
-    monkeypatch.setattr(csv_rows, "_read_block", read_and_append)
+    path, read_block = tmp_path / "log.csv", csv_rows._read_block
+    rows = "t,a\n" + "".join(f"{i},125\n" for i in range(20)) + "20,12"
+    path.write_text(rows)
+    monkeypatch.setattr(csv_rows, "_read_block", lambda text: (read_block(text), path.write_text(rows + "5\n"))[0])
     assert read_recording(path).report.rejected >= 1
 
 
@@ -88,7 +61,7 @@ def test_comments_blank_lines_and_repeated_headers_are_counted_as_such(read):
     recording = read("# c\nt,a\n\n0,1\n% c\n// c\nt,a\n ; \n1,2\n,\n".replace(" ; ", "  "))
     report = recording.report
     assert (report.comments, report.blank, report.headers, report.rows, report.rejected) == (3, 3, 2, 2, 0)
-    assert _accounted(recording)
+    assert report.lines == 10
 
 
 @pytest.mark.parametrize("period", [0, -1, math.nan, math.inf, 1e-60, "long"])
@@ -98,23 +71,22 @@ def test_a_sample_period_must_be_positive_and_finite_which_is_checked_before_the
 
 
 def test_the_first_hundred_issues_are_kept_and_all_are_counted(read):
-    recording = read("t,a\n" + "".join(f"{i},{f'E{i}' if i % 2 else i}\n" for i in range(1000)))
-    assert recording.report.bad_cells == 500
-    assert len(recording.report.issues) == 100
-    assert recording.report.issues[0].line == 3
+    report = read("t,a\n" + "".join(f"{i},{f'E{i}' if i % 2 else i}\n" for i in range(1000))).report
+    assert (report.bad_cells, len(report.issues), report.issues[0].line) == (500, 100, 3)
 
 
 def test_a_missing_file_a_folder_and_an_impossible_name_are_bad_files(tmp_path):
     for path, said in (
-        (tmp_path / "none.csv", "not found"),
+        ("none.csv", "not found"),
         (tmp_path, "folder"),
         ("a\0b", "cannot read"),
-        (tmp_path / ("x" * 5000), "cannot read"),
+        ("x" * 5000, "cannot"),
     ):
         with pytest.raises(BadFile, match=said):
             read_recording(path)
 
 
+@pytest.mark.slow
 @given(st.binary(max_size=60))
 def test_a_damaged_gzip_archive_is_a_bad_file(tmp_path_factory, tail):
     path = tmp_path_factory.getbasetemp() / "any.gz"
@@ -124,8 +96,7 @@ def test_a_damaged_gzip_archive_is_a_bad_file(tmp_path_factory, tail):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("blank", [" ", "\u00a0", "\u202f"])
-@pytest.mark.parametrize("minus", ["-", "\u2212"])
+@pytest.mark.parametrize(("blank", "minus"), [(" ", "-"), ("\u00a0", "\u2212"), ("\u202f", "\u2212")])
 def test_blanks_that_do_not_break_and_the_minus_sign_of_typography(read, blank, minus):
     times = [datetime(2024, 2, 29, 9) + timedelta(minutes=20 * i) for i in range(60)]
     stamps = [time.strftime(f"%m/%d/%Y, %I:%M:%S{blank}%p") for time in times]
@@ -144,24 +115,22 @@ STAMPS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("stamp", STAMPS)
-@pytest.mark.parametrize("page", [1, 3, 50, 120])
+@pytest.mark.parametrize("page", [1, 3, 120])
 @pytest.mark.parametrize("is_newest_first", [True, False])
 def test_rows_in_pages_are_put_in_order_of_time(read, stamp, page, is_newest_first):
     rows = [f"{STAMPS[stamp](i)},{i * i}\n" for i in range(240)]
     rows.insert(7, rows[7])  # a repeated row keeps its place
     oldest = read("time,a\n" + "".join(rows))
     pages = [rows[i : i + page] for i in range(0, len(rows), page)]
-    if is_newest_first:
-        turned = [row for rows in pages for row in rows[::-1]] if page > 1 else rows[::-1]
-    else:
-        turned = [row for rows in pages[::-1] for row in rows]
-    newest = read("time,a\n" + "".join(turned))
+    turned = [row[::-1] for row in pages] if is_newest_first and page > 1 else pages[::-1]
+    newest = read("time,a\n" + "".join(itertools.chain(*turned)))
     np.testing.assert_array_equal(newest.time, oldest.time)
     np.testing.assert_array_equal(newest.values, oldest.values)
     assert newest.sample_period == 10.0
     assert any("put in order of time" in note for note in newest.report.notes)
-    assert _accounted(newest)
+    assert newest.report.rows == newest.report.lines - 1 == len(rows)
 
 
 def test_the_runs_of_a_device_that_restarts_keep_their_order(read):
@@ -184,13 +153,13 @@ def test_a_log_that_will_not_fit_into_memory_is_refused_by_its_first_part(tmp_pa
     assert len(whole) == len(rows)
     monkeypatch.setattr(files, "free_memory", lambda: 0.5 * need)
     seen.clear()
-    with pytest.raises(
-        NoMemory, match=r"^log.csv must fit into the memory that is free, 0.0 GB \(got 0.0 GB of text"
-    ):
+    said = r"^log.csv must fit into the memory that is free, 0.0 GB \(got 0.0 GB of text"
+    with pytest.raises(NoMemory, match=said):
         read_recording(path, progress=lambda done, _: seen.append(done))
     assert max(seen) < 0.5
 
 
+@pytest.mark.slow
 def test_a_header_far_below_a_long_preamble_names_the_columns(read):
     """As a log of PuTTY with carriage returns only: line numbers below the head are not those of the file."""
     rows = [f"{i},{20 + i % 7}" for i in range(20_000)]
@@ -203,14 +172,13 @@ def test_a_header_far_below_a_long_preamble_names_the_columns(read):
 
 
 TEXT = "t,T (°C)\n" + "".join(f"{i / 100:.2f},{20 + i / 8:.3f}\n" for i in range(40))
-NULS = "must be printable text (got NUL bytes)"
 
 
-@pytest.mark.parametrize("size", [16, 4096, 500_000])
+@pytest.mark.parametrize("size", [16, 500_000])
 def test_a_part_that_was_never_written_is_one_rejected_line(read, size):
     text = TEXT.encode()
     report = read(text[:300] + bytes(size) + b"\n" + text[300:].partition(b"\n")[2]).report
-    assert (report.rejected, report.issues[0].reason) == (1, NULS)
+    assert (report.rejected, report.issues[0].reason) == (1, "must be printable text (got NUL bytes)")
     assert report.rows >= 38
 
 
@@ -242,9 +210,7 @@ def test_a_drive_that_is_pulled_out_is_a_refusal(read, monkeypatch, at):
         read("\x1b[0m" + TEXT)
 
 
-@pytest.mark.parametrize(
-    "middle", [b"9" * 5000, b"\0" * 5000, b"1," * 2500, b"1.5"], ids=["digits", "nul", "cells", "row"]
-)
+@pytest.mark.parametrize("middle", [b"9" * 5000, b"\0" * 5000, b"1," * 2500, b"1.5"], ids=len)
 def test_an_endless_line_costs_its_beginning_and_nothing_else(read, monkeypatch, middle):
     monkeypatch.setattr(text_file, "MAX_LINE", 1000)
     monkeypatch.setattr(csv_rows, "BLOCK_SIZE", 100)

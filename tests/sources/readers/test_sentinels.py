@@ -38,11 +38,6 @@ def test_a_number_that_may_be_a_reading_is_one_unless_it_comes_for_moments(code)
     assert asked(at_moments(far, code, long=30)) == []
 
 
-@pytest.mark.parametrize("code", [10.5, 563.0, -12.25, 71.3, 1234.0])
-def test_no_other_number_is_a_code(code):
-    assert asked(at_moments(WALK, code)) == []
-
-
 LIGHT = np.maximum(0.0, 900.0 * np.sin(ROWS / 200))
 STATES = {
     "no light at night": LIGHT,
@@ -54,6 +49,7 @@ STATES = {
     "a switch": ROWS % 2,
     "a step that stays": np.where(ROWS > 2000, 400.0, WALK),
     "a step of a reference": np.where(ROWS // 60 % 7 == 3, 200.0, WALK),
+    **{f"{code}, which is no code": at_moments(WALK, code) for code in (10.5, 563.0, -12.25, 71.3, 1234.0)},
     "once is chance": np.where(ROWS == 77, -999.0, WALK),
 }
 
@@ -63,17 +59,11 @@ def test_states_and_readings_raise_no_question(signal):
     assert asked(signal) == []
 
 
-def test_a_code_of_several_channels_is_one_question_that_names_them():
+def test_a_code_of_several_channels_is_one_question_and_missing_samples_around_it_do_not_matter():
     values = np.column_stack([at_moments(WALK, -999.0), at_moments(WALK[::-1], -999.0), WALK])
     (question,) = suggest_missing(values, ["a", "b", "c"], (values.min(axis=0), values.max(axis=0)))
     assert 'times in "a", "b", far from' in question
     assert question.endswith("--missing -999")
-
-
-def test_missing_samples_around_a_code_do_not_matter():
-    signal = at_moments(WALK, 400.0)
-    signal[RNG.random(N) < 0.05] = np.nan
-    assert asked(signal) == [400.0]
+    assert asked(np.where(RNG.random(N) < 0.05, np.nan, at_moments(WALK, 400.0))) == [400.0]
     assert asked(np.full(N, -999.0)) == []
-    values = np.full((5, 1), np.nan)
-    assert suggest_missing(values, ["a"], (values[0], values[0])) == []
+    assert suggest_missing(np.full((5, 1), np.nan), ["a"], (np.array([np.nan]),) * 2) == []
