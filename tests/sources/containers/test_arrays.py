@@ -25,10 +25,9 @@ X = np.sin(T)
 
 @pytest.fixture
 def mat(tmp_path):
-    def write(part=None, **variables):
-        path = tmp_path / "log.mat"
-        scipy.io.savemat(path, variables)
-        return read_recording(path, ReadOptions(part=part))
+    def write(**variables):
+        scipy.io.savemat(tmp_path / "log.mat", variables)
+        return read_recording(tmp_path / "log.mat")
 
     return write
 
@@ -44,28 +43,16 @@ def hdf5(tmp_path):
     return write
 
 
-@pytest.fixture
-def tdms(tmp_path):
-    def write(*channels, part=None, **options):
-        path = tmp_path / "log.tdms"
-        with nptdms.TdmsWriter(path) as writer:
-            writer.write_segment([nptdms.ChannelObject(*channel) for channel in channels])
-        return read_recording(path, ReadOptions(part=part, **options))
-
-    return write
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "rate", [{"Fs": 50}, {"sample_rate": 50.0}, {"dt": 0.02}, {"fs": 50.0, "t": np.arange(50.0)}]
+)
+def test_a_single_number_of_matlab_is_the_rate(mat, rate):
+    recording = mat(x=X, **rate)
+    assert (recording.names[0], recording.sample_period) == ("x", pytest.approx(0.02))
 
 
-@pytest.mark.parametrize("variables", [
-    *({"fs": 50.0}, {"Fs": 50}, {"sample_rate": 50.0}, {"dt": 0.02}, {"Ts": 0.02}),
-    {"fs": 50.0, "t": np.arange(50.0)},
-])  # fmt: skip
-def test_a_single_number_of_matlab_is_the_rate(mat, variables):
-    recording = mat(x=X, **variables)
-    assert recording.names[0] == "x"
-    assert recording.sample_period == pytest.approx(0.02)
-    np.testing.assert_allclose(recording.time, T)
-
-
+@pytest.mark.slow
 def test_fields_of_a_matlab_struct_and_a_matrix_are_channels(mat):
     recording = mat(log={"time": T, "acc": np.column_stack([X, -X, X + 1])})
     assert recording.names == ("acc[0]", "acc[1]", "acc[2]")
@@ -79,13 +66,11 @@ def test_fields_of_a_matlab_struct_and_a_matrix_are_channels(mat):
 def test_matlab_version_73_is_hdf5(tmp_path):
     path = tmp_path / "log.mat"
     with h5py.File(path, "w", userblock_size=512) as file:
-        file["x"] = X[None, :]  # MATLAB stores a column as a row
-        file["t"] = T[None, :]
+        file["x"], file["t"] = X[None, :], T[None, :]  # MATLAB stores a column as a row
         file["note"] = np.array([[104], [105]], dtype=np.uint16)
         file["note"].attrs["MATLAB_class"] = np.bytes_("char")
-    data = bytearray(path.read_bytes())
-    data[:20] = b"MATLAB 7.3 MAT-file,"
-    path.write_bytes(data)
+    with path.open("r+b") as file:
+        file.write(b"MATLAB 7.3 MAT-file,")
     recording = read_recording(path)
     assert recording.names == ("x",)
     np.testing.assert_array_equal(recording.values[:, 0], X)
@@ -144,14 +129,17 @@ def test_a_gigantic_dataset_of_nothing_is_refused(hdf5):
         hdf5(lambda file: file.create_dataset("x", (1 << 40,), "f8", chunks=(1024,)))
 
 
-def test_channels_of_tdms_with_units_and_waveform(tdms):
+def test_channels_of_tdms_with_units_and_waveform(tmp_path):
     waveform = {"wf_increment": 0.02, "wf_start_time": np.datetime64("2024-05-01T12:00:00"), "unit_string": "V"}
-    recording = tdms(("ai", "ch0", X, waveform), ("ai", "ch1", 2 * X, {}), ("slow", "temp", np.arange(4.0), {}))
+    channels = ("ai", "ch0", X, waveform), ("ai", "ch1", 2 * X, {}), ("slow", "temp", np.arange(4.0), {})
+    with nptdms.TdmsWriter(tmp_path / "log.tdms") as writer:
+        writer.write_segment([nptdms.ChannelObject(*channel) for channel in channels])
+    recording = read_recording(tmp_path / "log.tdms")
     assert (recording.names, recording.units) == (("ch0", "ch1"), ("V", ""))
     np.testing.assert_array_equal(recording.values[:, 1], 2 * X)
     assert recording.sample_period == pytest.approx(0.02)
-    assert any("2024-05-01T12:00:00" in note for note in recording.report.notes)
-    assert any('"slow" (4 × 1)' in note for note in recording.report.notes)
+    for said in ("2024-05-01T12:00:00", '"slow" (4 × 1)'):
+        assert any(said in note for note in recording.report.notes)
 
 
 TABLE = np.zeros(50, dtype=[("time", "f8"), ("x", "f4"), ("who", "U3")])
@@ -159,25 +147,26 @@ TABLE["time"], TABLE["x"] = T, X
 STAMPS = np.datetime64("2024-05-01T12:00:00", "us") + (T * 1e6).astype("timedelta64[us]")
 
 
-@pytest.mark.parametrize(("write", "names", "period"), [
-    (lambda path: np.save(path, X), ("value 1",), None),
-    (lambda path: np.save(path, np.column_stack((T, X, X))), ("value 1", "value 2"), 0.02),
-    (lambda path: np.save(path, np.asfortranarray(np.vstack((T, X)))), ("value 1",), 0.02),
-    (lambda path: np.save(path, TABLE), ("x",), 0.02),
-    (lambda path: np.savez(path, t=T, x=X, words=np.array(["a"])), ("x",), 0.02),
-    (lambda path: np.savez_compressed(path, at=STAMPS, x=X, any=np.array([{}])), ("x",), 0.02),
-    (lambda path: np.savez(path, fs=50.0, acc=np.asfortranarray(np.column_stack((X, X)))), ("acc[0]", "acc[1]"),
-        0.02),
-])  # fmt: skip
-def test_arrays_of_numpy(tmp_path, write, names, period):
-    path = tmp_path / "log.npy"
-    with path.open("wb") as file:
+ACC = np.asfortranarray(np.column_stack((X, X)))
+ARRAYS = {
+    "one channel": (lambda path: np.save(path, X), ("value 1",), None),
+    "columns": (lambda path: np.save(path, np.column_stack((T, X, X))), ("value 1", "value 2"), 0.02),
+    "rows": (lambda path: np.save(path, np.asfortranarray(np.vstack((T, X)))), ("value 1",), 0.02),
+    "a table": (lambda path: np.save(path, TABLE), ("x",), 0.02),
+    "names": (lambda path: np.savez(path, t=T, x=X, words=np.array(["a"])), ("x",), 0.02),
+    "stamps": (lambda path: np.savez_compressed(path, at=STAMPS, x=X, any=np.array([{}])), ("x",), 0.02),
+    "a rate": (lambda path: np.savez(path, fs=50.0, acc=ACC), ("acc[0]", "acc[1]"), 0.02),
+}
+
+
+@pytest.mark.parametrize("name", ARRAYS)
+def test_arrays_of_numpy(tmp_path, name):
+    write, names, period = ARRAYS[name]
+    with (tmp_path / "log.npy").open("wb") as file:
         write(file)
-    recording = read_recording(path)
+    recording = read_recording(tmp_path / "log.npy")
     assert (recording.names, recording.sample_period) == (names, period and pytest.approx(period))
-    np.testing.assert_array_equal(
-        recording.values[:, 0], X.astype("f4") if write.__code__.co_names[-1] == "TABLE" else X
-    )
+    np.testing.assert_array_equal(recording.values[:, 0], X.astype("f4") if name == "a table" else X)
 
 
 def test_the_signals_of_one_rate_of_an_edf_file(tmp_path):

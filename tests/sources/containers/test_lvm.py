@@ -10,10 +10,9 @@ from kalscope.errors import BadSetting
 lvm_read = pytest.importorskip("lvm_read")
 
 
-def file_header(sep="\t", decimal=".", x_columns="One", **tags):
-    words = {"\t": "Tab", ",": "Comma"}
-    said = {"Writer_Version": "2", "Separator": words[sep], "Decimal_Separator": decimal, "Multi_Headings": "Yes"}
-    said |= {"X_Columns": x_columns, "Time_Pref": "Absolute", "Date": "2024/02/29", "Time": "23:59:59,5", **tags}
+def file_header(sep="\t", decimal=".", x_columns="One"):
+    said = {"Writer_Version": "2", "Separator": "Tab" if sep == "\t" else "Comma", "Decimal_Separator": decimal}
+    said |= {"Multi_Headings": "Yes", "X_Columns": x_columns, "Date": "2024/02/29", "Time": "23:59:59,5"}
     body = "".join(f"{key}{sep}{value}\n" for key, value in said.items())
     return f"LabVIEW Measurement{sep}\n{body}***End_of_Header***{sep}\n{sep}\n"
 
@@ -36,14 +35,13 @@ def segment(names, rows, *, sep="\t", decimal=".", x="One", step=0.01, start="10
     text += tagged("Y_Unit_Label", units or [f"unit{i}" for i in range(n)])
     text += tagged("X_Dimension", ["Time"] * n) + tagged("X0", ["0.0E+0".replace(".", decimal)] * n)
     text += tagged("Delta_X", [f"{step:.9E}".replace(".", decimal)] * n) + f"***End_of_Header***{sep}\n"
-    if x == "Multi":
-        text += sep.join(cell for name in names for cell in ("X_Value", name)) + f"{sep}Comment\n"
-    else:
-        text += sep.join(["X_Value", *names, "Comment"]) + "\n"
+
+    def line(stamp, cells):
+        return sep.join([stamp, *cells] if x != "Multi" else [part for cell in cells for part in (stamp, cell)])
+
+    text += line("X_Value", names) + f"{sep}Comment\n"
     for i, row in enumerate(rows):
-        stamp = "" if x == "No" else written(i * step)
-        cells = [cell for value in row for cell in (stamp, written(value))] if x == "Multi" else None
-        text += sep.join(cells or [stamp, *map(written, row)]) + "\n"
+        text += line("" if x == "No" else written(i * step), map(written, row)) + "\n"
     return text + "\n"
 
 
@@ -77,15 +75,12 @@ def test_the_step_of_the_header_outranks_an_x_column_that_is_only_rounded(read):
     assert read(text).time.tolist() == [0.0, 0.3, 1.9, 7.0]
 
 
-def test_segments_of_the_same_channels_follow_their_clocks(read):
+def test_segments_of_the_same_channels_follow_their_clocks_and_of_others_are_parts(read):
     text = file_header() + segment(["a"], ROWS[:5, :1]) + segment(["a"], ROWS[5:9, :1], start="10:00:02.25")
     recording = read(text)
     np.testing.assert_array_equal(recording.values[:, 0], ROWS[:9, 0])
     np.testing.assert_allclose(recording.time[4:6], [0.04, 2.0], atol=1e-6)
     assert any("2 segments" in note for note in recording.report.notes)
-
-
-def test_segments_of_other_channels_are_parts(read):
     text = file_header() + segment(["a", "b"], ROWS) + segment(["other"], ROWS[:3, :1])
     assert read(text).names == ("a", "b")
     assert any('"other" (3 × 1)' in note for note in read(text).report.notes)
