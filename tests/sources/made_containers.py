@@ -98,16 +98,14 @@ def write_mat(path):
 def write_hdf5(path):
     with h5py.File(path, "w") as file:
         file["run/t"] = np.arange(N) * 0.01
-        file.create_dataset("run/x", data=X, compression="gzip", chunks=(10,))
-        file["run/x"].attrs["units"] = "V"
+        file.create_dataset("run/x", data=X, compression="gzip", chunks=(10,)).attrs["units"] = "V"
     return path
 
 
 def write_tdms(path):
     with nptdms.TdmsWriter(path) as writer:
         for part in (X[:10], X[10:]):
-            channels = [nptdms.ChannelObject("ai", name, part, {"wf_increment": 0.01}) for name in ("x", "y")]
-            writer.write_segment(channels)
+            writer.write_segment([nptdms.ChannelObject("ai", name, part, {"wf_increment": 0.01}) for name in "xy"])
     return path
 
 
@@ -115,9 +113,8 @@ def write_xlsx(path):
     import openpyxl
 
     workbook = openpyxl.Workbook()
-    workbook.active.append(["t", "x (V)"])
-    for i, x in enumerate(X):
-        workbook.active.append([i * 0.01, float(x)])
+    for row in (["t", "x (V)"], *([i * 0.01, float(x)] for i, x in enumerate(X))):
+        workbook.active.append(row)
     workbook.save(path)
     return path
 
@@ -125,11 +122,7 @@ def write_xlsx(path):
 def write_parquet(path):
     import duckdb
 
-    connection = duckdb.connect()
-    connection.execute(
-        f"COPY (SELECT i * 0.01 AS t, sin(i) AS x FROM range({N}) r(i)) TO '{path}' (FORMAT parquet)"
-    )
-    connection.close()
+    duckdb.sql(f"SELECT i * 0.01 AS t, sin(i) AS x FROM range({N}) r(i)").write_parquet(str(path))
     return path
 
 

@@ -9,6 +9,7 @@ import struct
 import zipfile
 import zlib
 from collections.abc import Callable, Iterator
+from functools import partial
 from itertools import repeat
 from pathlib import Path
 from typing import Any
@@ -19,28 +20,18 @@ from tests.sources.text_files import PLAIN, READ_ALL, Make, text
 from tests.support.hostile_case import Case
 
 MIB = 1 << 20
-Pack = Callable[[Iterator[bytes]], Iterator[bytes]]
+Files = Callable[[int], Iterator[tuple[str, bytes]]]
 
 
-def gzipped(pieces: Iterator[bytes]) -> Iterator[bytes]:
-    packer = zlib.compressobj(1, wbits=31)
-    yield from map(packer.compress, pieces)
-    yield packer.flush()
-
-
-def zstandard_packed(pieces: Iterator[bytes]) -> Iterator[bytes]:
-    packer = zstandard.ZstdCompressor(19).compressobj()
-    yield from map(packer.compress, pieces)
-    yield packer.flush()
-
-
-def bomb(pack: Pack, run: bytes) -> Make:
+def bomb(packer: Callable[[], Any], run: bytes) -> Make:
     """An archive of `run` again and again, of this unpacked size."""
     piece = run * (MIB // len(run))
 
     def make(path: Path, size: int) -> None:
+        pack = packer()
         with path.open("wb") as file:
-            file.writelines(pack(repeat(piece, max(1, size // MIB))))
+            file.writelines(map(pack.compress, repeat(piece, max(1, size // MIB))))
+            file.write(pack.flush())
 
     return make
 
@@ -51,9 +42,7 @@ def members(one: bytes) -> Make:
     def make(path: Path, size: int) -> None:
         with path.open("wb") as file:
             file.writelines(repeat(one, size))
-            file.write(
-                gzip.compress(PLAIN.encode()) if path.suffix == ".gz" else zstandard.compress(PLAIN.encode())
-            )
+            file.write((gzip if path.suffix == ".gz" else zstandard).compress(PLAIN.encode()))
 
     return make
 
@@ -66,7 +55,7 @@ def nested(path: Path, size: int) -> None:
     path.write_bytes(data)
 
 
-def zipped(files: Callable[[int], Iterator[tuple[str, bytes]]], lie: bool = False) -> Make:
+def zipped(files: Files, lie: bool = False) -> Make:
     """A zip archive of these files; `lie`: the size that it states of each is 100 bytes."""
 
     def make(path: Path, size: int) -> None:
@@ -81,26 +70,19 @@ def zipped(files: Callable[[int], Iterator[tuple[str, bytes]]], lie: bool = Fals
 
 def xlsx(sheet: Callable[[int], str]) -> Make:
     """A workbook with this XML as its only sheet."""
-    types = '<Types xmlns="http://schemas.openxmlformats.org/package/2006/content-types"/>'
-    book = (
-        '<workbook xmlns="http://schemas.openxmlformats.org/spreadsheetml/2006/main" xmlns:r="http://schemas.'
-        'openxmlformats.org/officeDocument/2006/relationships"><sheets><sheet name="a" sheetId="1" r:id="r1"/>'
-        "</sheets></workbook>"
-    )
-    kind = "http://schemas.openxmlformats.org/officeDocument/2006/relationships/worksheet"
-    links = (
-        '<Relationships xmlns="http://schemas.openxmlformats.org/package/2006/relationships"><Relationship Id="r1"'
-        f' Type="{kind}" Target="worksheets/sheet1.xml"/></Relationships>'
-    )
+    base = "http://schemas.openxmlformats.org"
+    kind = f"{base}/officeDocument/2006/relationships"
+
+    def link(name: str, target: str) -> str:
+        one = f'<Relationship Id="r1" Type="{kind}/{name}" Target="{target}"/>'
+        return f'<Relationships xmlns="{base}/package/2006/relationships">{one}</Relationships>'
 
     def files(size: int) -> Iterator[tuple[str, bytes]]:
-        yield "[Content_Types].xml", types.encode()
-        yield (
-            "_rels/.rels",
-            links.replace("worksheets/sheet1", "xl/workbook").replace("worksheet", "officeDocument").encode(),
-        )
-        yield "xl/workbook.xml", book.encode()
-        yield "xl/_rels/workbook.xml.rels", links.encode()
+        yield "[Content_Types].xml", f'<Types xmlns="{base}/package/2006/content-types"/>'.encode()
+        yield "_rels/.rels", link("officeDocument", "xl/workbook.xml").encode()
+        yield "xl/workbook.xml", (f'<workbook xmlns="{base}/spreadsheetml/2006/main" xmlns:r="{kind}"><sheets>'
+            '<sheet name="a" sheetId="1" r:id="r1"/></sheets></workbook>').encode()  # fmt: skip
+        yield "xl/_rels/workbook.xml.rels", link("worksheet", "worksheets/sheet1.xml").encode()
         yield "xl/worksheets/sheet1.xml", sheet(size).encode()
 
     return zipped(files)
@@ -109,9 +91,8 @@ def xlsx(sheet: Callable[[int], str]) -> Make:
 def entities(size: int) -> str:
     """Entities of entities: a billion laughs."""
     inner = "".join(f'<!ENTITY e{i} "{f"&e{i - 1};" * 10}">' for i in range(1, size))
-    rows = "".join(
-        f'<row r="{i}"><c r="A{i}" t="inlineStr"><is><t>&e{size - 1};</t></is></c></row>' for i in (1, 2)
-    )
+    row = '<row r="{0}"><c r="A{0}" t="inlineStr"><is><t>&e{1};</t></is></c></row>'
+    rows = row.format(1, size - 1) + row.format(2, size - 1)
     return f'<!DOCTYPE x [<!ENTITY e0 "1">{inner}]><worksheet><sheetData>{rows}</sheetData></worksheet>'
 
 
@@ -127,9 +108,8 @@ def parquet(select: str) -> Make:
         import duckdb
 
         with duckdb.connect(config={"preserve_insertion_order": False}) as connection:
-            connection.execute(
-                f"COPY ({select.format(size=size)}) TO '{path}' (FORMAT parquet, ROW_GROUP_SIZE 100000000)"
-            )
+            options = "(FORMAT parquet, ROW_GROUP_SIZE 100000000)"
+            connection.execute(f"COPY ({select.format(size=size)}) TO '{path}' {options}")
 
     return make
 
@@ -227,14 +207,7 @@ def zst(name: str, make: Make, expected: str, small: int, big: int, then: str = 
     return Case(name, make, expected, small, big, 80, 160, "log.csv.zst", then)
 
 
-def zip_of(
-    name: str,
-    files: Callable[[int], Iterator[tuple[str, bytes]]],
-    expected: str,
-    small: int,
-    big: int,
-    then: str = "",
-) -> Case:
+def zip_of(name: str, files: Files, expected: str, small: int, big: int, then: str = "") -> Case:
     return Case(f"zip of {name}", zipped(files), expected, small, big, 60, 100, "log.zip", then)
 
 
@@ -252,6 +225,8 @@ def packed_small(file: Any, size: int) -> None:
     file.create_dataset("x", data=np.ones(size), compression="gzip", chunks=(min(size, 1 << 20),))
 
 
+gzipped = partial(zlib.compressobj, 1, wbits=31)
+zstandard_packed = zstandard.ZstdCompressor(19).compressobj
 NO_TEXT = "refused: .* must be a text file"
 PACKED = (
     gz("gzip of zeros", bomb(gzipped, b"\0"), NO_TEXT, 16 * MIB, 2304 * MIB, MANY),

@@ -96,14 +96,8 @@ NUMBERS += ("1e", "+", "1e+", ".", "1e-999", "5e-324", "1.7976931348623157e308",
 NUMBERS += ("9" * 5000, "1" + "0" * 400, "0." + "0" * 5000 + "1", "1e" + "9" * 5000, "0" * 5000 + "1")
 DATES = ("0000-01-01 00:00:00", "99999-01-01 00:00:00", "2024-02-30 00:00:00", "2024-13-01 00:00:00")
 DATES += ("2024-01-01 24:00:00", "2024-01-01 23:59:60", "2024-01-01 99:99:99", "2024-01-01T00:00:00+99:99")
-DATES += (
-    "-2024-01-01 00:00:00",
-    "2024-00-00 00:00:00",
-    "9999-12-31 23:59:59.9999999",
-    "1e308",
-    "nan",
-    "0001-01-01 00:00:00",
-)
+DATES += ("-2024-01-01 00:00:00", "2024-00-00 00:00:00", "9999-12-31 23:59:59.9999999", "1e308", "nan")
+DATES += ("0001-01-01 00:00:00",)
 ZONES = ("9999-12-31T23:59:59-23:59", "0001-01-01T00:00:00+23:59")
 
 
@@ -112,16 +106,13 @@ def day(i: int) -> str:
 
 
 def one_line(run: str, expected: str) -> Case:
-    return Case(
-        f"one line of `{run.strip() or 'blanks'}`", line_of(run, alone=True), expected, 3 * MIB // 2, 500 * MIB
-    )
+    name = f"one line of `{run.strip() or 'blanks'}`"
+    return Case(name, line_of(run, alone=True), expected, 3 * MIB // 2, 500 * MIB)
 
 
 def between(run: str) -> Case:
-    make = line_of(run, alone=False)
-    return Case(
-        f"a line of `{run.strip() or 'blanks'}` between rows", make, READ + "1 rejected", 5 * MIB // 4, 500 * MIB
-    )
+    name = f"a line of `{run.strip() or 'blanks'}` between rows"
+    return Case(name, line_of(run, alone=False), READ + "1 rejected", 5 * MIB // 4, 500 * MIB)
 
 
 def endless(name: str, line: Callable[[int], str], expected: str, small: int, big: int, big_mib: int = 80) -> Case:
@@ -143,6 +134,13 @@ def unit_and_blanks(path: Path, size: int) -> None:
 
 def open_quote(path: Path, size: int) -> None:
     write(path, (*ROWS[:50], '1,"2,3\n', *repeat(PLAIN, size)))
+
+
+def short(line: str) -> Case:
+    """This line over and over; above 32 kB a file is read in blocks."""
+    name = line.strip().replace("\n", " ") or " "
+    few = max(4_000, (1 << 15) // len(line) + 1)
+    return Case(f"lines of `{name}`", lines_of(lambda _: line), ".*", few, 500_000, mib=60, big_mib=200)
 
 
 WIDE = "refused: log.csv must be a table of numbers, of at most 256 columns"
@@ -180,28 +178,14 @@ TEXTS = (
     endless("text without end", "the {} quick brown foxes\n".format, "read: ", 20_000, 5_000_000, 400),
     endless("an open quote on each line", '1,"{},3\n'.format, "read: ", 4_000, 1_000_000, 200),
     endless("quotes in quotes", lambda i: '"' * (i % 400) + f"{i},2\n", "read: ", 5000, 200_000),
-    *(
-        Case(
-            f"lines of `{line.strip().replace(chr(10), chr(32)) or chr(32)}`",
-            lines_of(lambda _, line=line: line),
-            ".*",
-            max(4_000, (1 << 15) // len(line) + 1),  # above 32 kB a file is read in blocks
-            500_000,
-            mib=60,
-            big_mib=200,
-        )
-        for line in SHORT
-    ),
+    *map(short, SHORT),
     content("rows of three widths in turn", WIDTHS, "read: "),
     Case("random bytes", noise(bytes(range(256))), NO_TEXT, 2 * MIB, 100 * MIB),
     Case("random letters", noise(LETTERS), "re(fus|a)", MIB // 64, 20 * MIB, big_mib=200),
     Case("random marks of numbers", noise(MARKS), "re(fus|a)", MIB // 128, 4 * MIB, big_mib=200),
     content("UTF-16 of odd length", PLAIN.encode("utf-16") + b"1", READ + "1 rejected"),
-    content(
-        "UTF-16 with half a pair",
-        b"\xff\xfe" + PLAIN.encode("utf-16-le") + b"\0\xd8,\x001\0\n\0",
-        READ + "1 rejected",
-    ),
+    content("UTF-16 with half a pair", b"\xff\xfe" + PLAIN.encode("utf-16-le") + b"\0\xd8,\x001\0\n\0",
+        READ + "1 rejected"),
     content("UTF-16 under the mark of the other", b"\xfe\xff" + PLAIN.encode("utf-16-le"), NO_ROWS),
     content("the mark of UTF-16 alone", b"\xff\xfe", NO_LINES),
     content("UTF-32", PLAIN.encode("utf-32"), NO_TABLE),
@@ -210,10 +194,9 @@ TEXTS = (
     content("numbers that are none", table(NUMBERS), "read: 146 rows, 2 channels, 0 rejected"),
     content("stamps that are no dates", stamps(day, DATES), "read: 63 rows, 1 channels, 11 rejected"),
     content("stamps at the ends of the calendar", stamps("2024-03-01T00:00:{:02}Z".format, ZONES), "read: 62 rows"),
-    content(
-        "dates of the years 0 and 99999", stamps("0000-00-{:02}".format) + stamps("99999-01-{:02}".format), "read: "
-    ),
+    content("dates of the years 0 and 99999", stamps("0000-00-{:02}".format) + stamps("99999-01-{:02}".format),
+        "read: "),
     content("stamps at the ends of float64", stamps(lambda i: f"{(-1) ** i}.7e308"), "read: 60 rows"),
     content("samples at the ends of float64", table([f"{(-1) ** i}.7e308" for i in range(40)]), "read: 160 rows"),
     content("stamps as fine as numbers go", stamps("{}e-320".format), "read: 60 rows"),
-)
+)  # fmt: skip

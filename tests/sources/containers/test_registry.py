@@ -2,6 +2,7 @@
 
 import gzip
 import random
+import re
 import sys
 
 import numpy as np
@@ -30,8 +31,11 @@ def container(request, tmp_path):
 
 
 @pytest.mark.slow
-def test_a_container_is_known_by_its_content_also_when_packed(container, tmp_path):
-    recording = read_recording(container)
+def test_a_container_is_known_by_its_content_reports_its_progress_and_is_cancelled(container, tmp_path):
+    done = []
+    recording = read_recording(container, progress=lambda fraction, text: done.append((fraction, text)))
+    assert done
+    assert all(0.0 <= fraction <= 1.0 and text for fraction, text in done)
     packed = tmp_path / f"{container.name}.gz"
     packed.write_bytes(gzip.compress(container.read_bytes()))
     again = read_recording(packed)
@@ -39,16 +43,8 @@ def test_a_container_is_known_by_its_content_also_when_packed(container, tmp_pat
     np.testing.assert_array_equal(again.values, recording.values)
     report = recording.report
     assert report.rows == report.lines - report.headers - report.comments == len(recording)
-
-
-@pytest.mark.slow
-def test_a_container_is_cancelled_and_reports_its_progress(container):
     with pytest.raises(Cancelled):
         read_recording(container, cancelled=lambda: True)
-    done = []
-    read_recording(container, progress=lambda fraction, text: done.append((fraction, text)))
-    assert done
-    assert all(0.0 <= fraction <= 1.0 and text for fraction, text in done)
 
 
 @pytest.mark.slow
@@ -57,9 +53,8 @@ def test_a_missing_library_is_named_with_its_extra(tmp_path, monkeypatch, name):
     path = CONTAINERS[name](tmp_path / name)
     module, package = LIBRARIES[name]
     monkeypatch.setitem(sys.modules, module, None)
-    with pytest.raises(BadFile, match=rf"needs {package} .*kalscope\[formats\]") as refused:
+    with pytest.raises(BadFile, match=rf"^.*needs {package} .*kalscope\[formats\].*$"):
         read_recording(path)
-    assert len(str(refused.value).splitlines()) == 1
 
 
 # Cut short or with wrong bytes they are refused, or still read; nothing else happens.
@@ -67,33 +62,26 @@ def test_a_missing_library_is_named_with_its_extra(tmp_path, monkeypatch, name):
 
 def read_or_refuse(path, data):
     path.write_bytes(data)
-    refusal = None
+    refusal = ""
     try:
         recording = read_recording(path)
     except BadFile as error:
         refusal = str(error)
-    if refusal is not None:
-        assert "\n" not in refusal
-        assert path.name in refusal
+    if refusal:
+        assert re.fullmatch(f".*{path.name}.*", refusal)
     else:
         assert recording.values.shape == (len(recording), len(recording.names))
         assert not np.isinf(recording.values).any()
 
 
 @pytest.mark.slow
-def test_a_container_cut_short_is_refused_or_read(container):
-    data = container.read_bytes()
+def test_a_damaged_container_is_refused_or_read(container):
+    data, draw = container.read_bytes(), random.Random(7)
     for cut in {1, 8, 100, *(len(data) * k // 8 for k in range(1, 8)), len(data) - 1}:
         read_or_refuse(container, data[:cut])
-
-
-@pytest.mark.slow
-def test_a_container_with_wrong_bytes_is_refused_or_read(container):
-    data, random_bytes = container.read_bytes(), random.Random(7)
     for _ in range(8 * FUZZ):
         damaged = bytearray(data)
-        for _ in range(random_bytes.choice((1, 1, 3, 20))):
-            # The beginning holds the structure.
-            at = random_bytes.randrange(min(len(data), random_bytes.choice((300, len(data)))))
-            damaged[at] ^= 1 << random_bytes.randrange(8)
+        for _ in range(draw.choice((1, 1, 3, 20))):
+            at = draw.randrange(min(len(data), draw.choice((300, len(data)))))  # the beginning holds the structure
+            damaged[at] ^= 1 << draw.randrange(8)
         read_or_refuse(container, bytes(damaged))

@@ -2,7 +2,7 @@
 
 import errno
 from itertools import count
-from queue import Empty
+from unittest.mock import Mock
 
 import pytest
 from serial.tools.list_ports_common import ListPortInfo
@@ -55,10 +55,9 @@ FINISHED = ["demo", "sample:flex_sensor", r"C:\x.csv", "C:/COM3.csv", "COM3.csv"
 FINISHED += ["http://x/y.csv", "loop://x", "./serial", "/dev/null", "experiment:x", "a@9600"]
 
 
-@pytest.mark.parametrize(("spec", "live"), [(s, True) for s in LIVE] + [(s, False) for s in FINISHED])
-def test_a_port_streams_and_a_file_is_finished(spec, live):
-    assert is_live(spec) is live
-    if live:
+def test_a_port_streams_and_a_file_is_finished():
+    assert [spec for spec in LIVE + FINISHED if is_live(spec)] == LIVE
+    for spec in LIVE:
         with pytest.raises(BadSetting, match="a board that streams"):
             open_source(spec)
 
@@ -83,29 +82,12 @@ def test_ports_are_listed_by_name_with_what_the_system_says(monkeypatch):
     assert list_ports() == (PortInfo("COM9", "Uno", "75", (0x2341, 0x43)), PortInfo("COM10", "", ""))
 
 
-class LostPort:
-    """What pyserial opens, of a board that goes, or that was never there."""
-
-    def __init__(self, error=None):
-        self.error, self.closed = error, False
-
-    def open(self):
-        if self.error is not None:
-            raise self.error
-
-    def close(self):
-        self.closed = True
-
-
 @pytest.fixture
-def opened(monkeypatch):
-    """Opens a port of pyserial as if it were there."""
-
-    def open_port(raw, last=None, path="/dev/ttyX"):
-        monkeypatch.setattr("serial.serial_for_url", lambda _device, **_: raw)
-        return SerialPort(PortSpec(path), bool, last)
-
-    return open_port
+def raw(monkeypatch):
+    """What pyserial opens."""
+    raw = Mock()
+    monkeypatch.setattr("serial.serial_for_url", lambda _device, **_: raw)
+    return raw
 
 
 @pytest.mark.parametrize(("error", "words"), [
@@ -114,19 +96,19 @@ def opened(monkeypatch):
     (OSError(errno.EBUSY, "Device or resource busy"), "in use by another program"),
     (ValueError("Invalid baud rate: 3"), "opened at 115200 baud"),
 ])  # fmt: skip
-def test_a_port_that_does_not_open_says_what_to_do(error, words, opened):
-    raw = LostPort(error)
+def test_a_port_that_does_not_open_says_what_to_do(error, words, raw):
+    raw.open.side_effect = error
     with pytest.raises(BadDevice, match=words):
-        opened(raw)
-    assert raw.closed
+        SerialPort(PortSpec("/dev/ttyX"), bool, None)
+    raw.close.assert_called()
 
 
-def test_a_board_is_found_again_under_another_name_by_its_serial_number(monkeypatch, opened):
+def test_a_board_is_found_again_under_another_name_by_its_serial_number(monkeypatch, raw):
     listed = [PortInfo("/dev/ttyACM0", "Uno", "75"), PortInfo("/dev/ttyACM1", "other", "9")]
     monkeypatch.setattr(serial_port, "list_ports", lambda: tuple(listed))
-    first = opened(LostPort(), path="/dev/ttyACM0")
+    first = SerialPort(PortSpec("/dev/ttyACM0"), bool, None)
     listed[0] = PortInfo("/dev/ttyACM7", "Uno", "75")
-    assert opened(LostPort(), first, "/dev/ttyACM0").device == "/dev/ttyACM7"
+    assert SerialPort(PortSpec("/dev/ttyACM0"), bool, first).device == "/dev/ttyACM7"
 
 
 def test_what_is_no_port_says_so(tmp_path):
@@ -137,12 +119,7 @@ def test_what_is_no_port_says_so(tmp_path):
 
 def taken(reader):
     """All items that are there."""
-    items = []
-    while True:
-        try:
-            items.append(reader.items.get_nowait())
-        except Empty:
-            return items
+    return [reader.items.get_nowait() for _ in range(reader.items.qsize())]
 
 
 @pytest.mark.parametrize(("error", "says"), [
@@ -193,5 +170,4 @@ def test_silence_is_time_in_which_reads_found_nothing_and_no_late_read(wait_for)
     items = [item for item in taken(reader) if isinstance(item, BytesReceived)]
     assert [item.silence for item in items] == [0, 0, 2 * READ_TIMEOUT, 0]
     moments = [moment for item in items for moment in (item.begin, item.end)]
-    assert moments == sorted(moments)
-    assert len(set(moments)) == 5
+    assert (moments, len(set(moments))) == (sorted(moments), 5)

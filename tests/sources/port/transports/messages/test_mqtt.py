@@ -24,64 +24,41 @@ from kalscope.sources.port.messages import MqttPort
 from kalscope.sources.port.registry import port_of
 from kalscope.sources.reading.recording_file import read_recording
 
-USER, PASSWORD = "ada", "correct horse"
-
 
 class Broker:
-    """A broker that can be killed and started again at the same port."""
+    """A broker for the time of a block, which can be killed and started again at the same port."""
 
     def __init__(self, folder: Path, *lines: str) -> None:
-        """Start; `folder` is for its files, `lines` go into its configuration."""
+        """`folder` is for its files, `lines` go into its configuration."""
         found = shutil.which("mosquitto", path=os.environ.get("PATH", "") + ":/usr/sbin")
-        self._program = found or not_here("mosquitto is not installed")
-        self.port = free_port()
-        self._config = folder / "mosquitto.conf"
+        self.port, config = free_port(), folder / "mosquitto.conf"
+        self.address = f"mqtt://127.0.0.1:{self.port}"
         own = [f"listener {self.port} 127.0.0.1", f"user {os.environ.get('USER', 'root')}", "log_dest none"]
-        lines = lines or ("allow_anonymous true",)
-        self._config.write_text("\n".join([*own, *lines]) + "\n")
-        self._process: subprocess.Popen[bytes] | None = None
-        self.start()
+        config.write_text("\n".join([*own, *(lines or ("allow_anonymous true",))]) + "\n")
+        self._command = [found or not_here("mosquitto is not installed"), "-c", config]
 
-    @property
-    def address(self) -> str:
-        """mqtt://127.0.0.1:PORT."""
-        return f"mqtt://127.0.0.1:{self.port}"
-
-    def start(self) -> None:
+    def __enter__(self) -> Broker:
         """Start, and wait until it listens."""
-        self._process = subprocess.Popen([self._program, "-c", self._config], stderr=subprocess.DEVNULL)
+        self._process = subprocess.Popen(self._command, stderr=subprocess.DEVNULL)
         wait_until(self._listens, "the broker to listen")
+        return self
 
     def _listens(self) -> bool:
         with socket.socket() as probe:
             return probe.connect_ex(("127.0.0.1", self.port)) == 0
 
-    def kill(self) -> None:
+    def __exit__(self, *_: object) -> None:
         """End it without a word to its clients."""
-        process, self._process = self._process, None
-        if process is not None:
-            process.kill()
-            process.wait()
+        self._process.kill()
+        self._process.wait()
 
 
 @contextmanager
-def broker(folder: Path, *lines: str) -> Iterator[Broker]:
-    """A broker for the time of a block."""
-    running = Broker(folder, *lines)
-    try:
-        yield running
-    finally:
-        running.kill()
-
-
-@contextmanager
-def publisher(broker: Broker, user: str = "", password: str = "") -> Iterator[Any]:
+def publisher(broker: Broker) -> Iterator[Any]:
     """A client that is connected, with a thread of its own for the time of the block."""
     import paho.mqtt.client as paho
 
     client = paho.Client(paho.CallbackAPIVersion.VERSION2)
-    if user:
-        client.username_pw_set(user, password)
     client.max_inflight_messages_set(1000)
     client.connect("127.0.0.1", broker.port)
     client.loop_start()
@@ -94,9 +71,8 @@ def publisher(broker: Broker, user: str = "", password: str = "") -> Iterator[An
 
 
 needs("paho")
-CONNECTED, REFUSED = b"\x20\x02\0\0", b"\x20\x02\0\x03"
-NOT_SUBSCRIBED = b"\x90\x03\0\x01\x80"
-"""What a broker says: yes, and not now; not this topic."""
+CONNECTED, REFUSED, NOT_SUBSCRIBED = b"\x20\x02\0\0", b"\x20\x02\0\x03", b"\x90\x03\0\x01\x80"
+"""What a broker says: yes; not now; not this topic."""
 NO_CODE = b"\x90\x02\0\x01"
 """Its answer to a subscription without the code that one must have."""
 
@@ -105,18 +81,7 @@ pytestmark = pytest.mark.usefixtures("no_thread_left")
 
 @pytest.fixture(scope="module")
 def open_broker(tmp_path_factory):
-    with broker(tmp_path_factory.mktemp("broker")) as running:
-        yield running
-
-
-@pytest.fixture(scope="module")
-def closed_broker(tmp_path_factory):
-    """One that asks for a password."""
-    folder = tmp_path_factory.mktemp("broker")
-    passwords = folder / "passwords"
-    made = shutil.which("mosquitto_passwd") or not_here("mosquitto_passwd is not installed")
-    subprocess.run([made, "-b", "-c", passwords, USER, PASSWORD], check=True)
-    with broker(folder, "allow_anonymous false", f"password_file {passwords}") as running:
+    with Broker(tmp_path_factory.mktemp("broker")) as running:
         yield running
 
 
@@ -167,12 +132,12 @@ def test_every_message_arrives_and_the_topics_are_the_channels(open_broker, wait
 
 @pytest.mark.slow
 def test_a_broker_that_is_killed_is_waited_for(tmp_path, wait_for):
-    with broker(tmp_path) as running:
+    with Broker(tmp_path) as running:
         live = opened(f"{running.address}/t")
-        running.kill()
+        running.__exit__()
         wait_for(lambda: live.status().word == "disconnected, waiting")
         wait_for(lambda: "cannot be opened (Connection refused)" in live.status().hint)
-        running.start()
+        running.__enter__()
         wait_for(lambda: live.status().word == "connected")
         with publisher(running) as client:
             client.publish("t", "21.5")
@@ -182,17 +147,20 @@ def test_a_broker_that_is_killed_is_waited_for(tmp_path, wait_for):
     assert live.snapshot().recording.names == ("t",)
 
 
-def test_a_password_comes_from_the_environment(closed_broker, monkeypatch):
-    address = f"mqtt://{USER}@127.0.0.1:{closed_broker.port}/home/#"
+def test_a_password_comes_from_the_environment(tmp_path, monkeypatch):
+    made = shutil.which("mosquitto_passwd") or not_here("mosquitto_passwd is not installed")
+    subprocess.run([made, "-b", "-c", tmp_path / "passwords", "ada", "correct horse"], check=True)
     says = (
         "refuses this user or this topic (reason code 135): mqtt://user@127.0.0.1/…, and set KALSCOPE_MQTT_PASSWORD"
     )
-    assert says in refusal(address)
-    assert says in refusal(address.replace(f"{USER}@", ""))
-    monkeypatch.setenv("KALSCOPE_MQTT_PASSWORD", "wrong")
-    assert says in refusal(address)
-    monkeypatch.setenv("KALSCOPE_MQTT_PASSWORD", PASSWORD)
-    opened(address).close()
+    with Broker(tmp_path, "allow_anonymous false", f"password_file {tmp_path}/passwords") as running:
+        address = f"mqtt://ada@127.0.0.1:{running.port}/home/#"
+        assert says in refusal(address)
+        assert says in refusal(address.replace("ada@", ""))
+        monkeypatch.setenv("KALSCOPE_MQTT_PASSWORD", "wrong")
+        assert says in refusal(address)
+        monkeypatch.setenv("KALSCOPE_MQTT_PASSWORD", "correct horse")
+        opened(address).close()
 
 
 def made_certificates(folder):
@@ -211,12 +179,11 @@ def made_certificates(folder):
 def test_a_broker_over_tls_must_be_trusted(tmp_path, monkeypatch, wait_for):
     made_certificates(tmp_path)
     keys = (f"certfile {tmp_path}/own.pem", f"keyfile {tmp_path}/own.key")
-    with broker(tmp_path, "allow_anonymous true", *keys) as running:
+    with Broker(tmp_path, "allow_anonymous true", *keys) as running:
         address = f"mqtts://127.0.0.1:{running.port}/t"
         assert "certificate verify failed" in refusal(address)
         monkeypatch.setenv("SSL_CERT_FILE", str(tmp_path / "ca.pem"))
-        live = opened(address)
-        live.close()
+        opened(address).close()
 
 
 def hang_up(listening, *answers):
@@ -240,17 +207,14 @@ def test_what_is_no_broker(open_broker):
     assert "no.such.host.invalid/t cannot be opened (" in refusal("mqtt://no.such.host.invalid/t")
     assert "cannot be opened (" in refusal(f"mqtts://127.0.0.1:{open_broker.port}/t")
     with socket.create_server(("127.0.0.1", 0)) as mute:
-        threading.Thread(target=hang_up, args=(mute,)).start()
-        address = f"mqtt://127.0.0.1:{mute.getsockname()[1]}/t"
-        assert "closed the connection" in refusal(address)
-        for answer in (NOT_SUBSCRIBED, NO_CODE):
-            threading.Thread(target=hang_up, args=(mute, CONNECTED, answer)).start()
-            assert "refuses this user or this topic" in refusal(address)
-        threading.Thread(target=hang_up, args=(mute, REFUSED)).start()
-        assert "(reason code 136)" in refusal(address)
-
-
-def test_a_topic_that_nobody_can_subscribe_to_is_refused(open_broker):
+        for answers, said in (
+            ((), "closed the connection"),
+            ((CONNECTED, NOT_SUBSCRIBED), "refuses this user or this topic"),
+            ((CONNECTED, NO_CODE), "refuses this user or this topic"),
+            ((REFUSED,), "(reason code 136)"),
+        ):
+            threading.Thread(target=hang_up, args=(mute, *answers)).start()
+            assert said in refusal(f"mqtt://127.0.0.1:{mute.getsockname()[1]}/t")
     assert "cannot be opened (Invalid subscription filter.)" in refusal(f"{open_broker.address}/a/#/b")
 
 
