@@ -21,7 +21,9 @@ WRITERS = {
     "ros1": lambda folder: made.write_ros1(folder / "log.bag"),
     "ros1 bz2": lambda folder: made.write_ros1(folder / "log.bag", made.Compression.BZ2),
     "ros1 lz4": lambda folder: made.write_ros1(folder / "log.bag", made.Compression.LZ4),
-    "ros2 sqlite": lambda folder: made.write_ros2(folder / "log #1%41", made.StoragePlugin.SQLITE3),
+    "ros2 sqlite": lambda folder: made.write_ros2(folder / "log", made.StoragePlugin.SQLITE3).rename(
+        folder / "#1%41"
+    ),
     "ros2 mcap": lambda folder: made.write_ros2(folder / "log", made.StoragePlugin.MCAP),
 }
 
