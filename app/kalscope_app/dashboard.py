@@ -40,7 +40,7 @@ from kalscope_app.views.map import TuningMapView
 from kalscope_app.views.phone import PhonePictures
 from kalscope_app.views.signal import SignalView, WindowView
 from kalscope_app.views.source import QuestionView, SourceView
-from kalscope_app.views.tune import ChainView, MoreView, ParametersView, add_steps
+from kalscope_app.views.tune import ChainView, MoreView, ParametersView, StepsView
 from kalscope_app.views.variants import VariantsView
 from kalscope_app.views.window import Commands, GuardedViews, HeaderView, Notifications, Panels, ViewTab
 from kalscope_app.worker.worker import Worker
@@ -159,7 +159,7 @@ class Dashboard:
         self._chain = ChainView(gui, self.session)
         self._goal = GoalView(gui, self.session, self._jobs)
         self._parameters = ParametersView(gui, self.session, "q", "r", "p0")
-        add_steps(gui, self.session)
+        self._steps = StepsView(gui, self.session)
         with gui.add_folder(MORE_FOLDER, expand_by_default=False):
             self._fusion = FusionView(gui, self.session, self._jobs)
             self._more = MoreView(gui, self.session)
@@ -211,7 +211,7 @@ class Dashboard:
                 self._views.draw(self.signal.show, frame, thinned=Part.FULL not in parts)
             if Part.NUMBERS in parts:
                 main = self._header, self._verdict, self._goal, self._parameters, self._more, self._chain
-                views = *main, self._costs, self._fusion
+                views = *main, self._steps, self._costs, self._fusion
                 self._draw(frame, *(view.show for view in views), self._map.follow)
             if Part.CHARTS in parts:
                 self._draw(frame, self.signal.show_below)

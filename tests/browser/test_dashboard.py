@@ -83,14 +83,20 @@ IN_SIGHT = """() => { const seen = (one) => { const box = one.getBoundingClientR
 """The controls that a user sees; a strip of tabs is one."""
 
 
-def test_the_first_screen_has_at_most_eighteen_controls_and_a_parameter_in_each_row(start):
-    for source in ("demo", "sample:tank_level"):
+def test_the_first_screen_has_at_most_eighteen_controls_and_a_parameter_in_each_row(start, tmp_path):
+    calm = np.column_stack([np.arange(40), np.sin(np.arange(40) / 5), np.sin(np.arange(40) / 6)])
+    rows = "".join(f"{i},{a:.6f},{b:.6f}\n" for i, a, b in calm)
+    (log := tmp_path / "log.csv").write_text(f"time,near,far\n{rows}50,-999,-999\n61,-999,-999\n")
+    sources = ("demo", "Map", 0), ("sample:tank_level", "channel", 1), (str(log), "Read -999 as missing", 1)
+    for source, name, several in sources:
         screen = start(source, width=1440, height=900)
         screen.wait_for_fit()
-        screen.wait(f"() => ({IN_SIGHT})().some((name) => name.startsWith('log₁₀ q'))")  # the names come last
-        several = source != "demo"
-        assert len(screen.page.evaluate(IN_SIGHT)) <= 17 + several
-        assert screen.page.get_by_role("tab", name="Channels").is_visible() is several
+        screen.wait(f"(name) => ({IN_SIGHT})().includes(name)", name)  # the names come last
+        screen.wait(f"() => ({IN_SIGHT})().some((name) => name.startsWith('log₁₀ q'))")
+        controls = screen.page.evaluate(IN_SIGHT)
+        assert len(controls) <= 18, controls
+        assert "Redo" not in controls  # nothing was undone
+        assert screen.page.get_by_role("tab", name="Channels").is_visible() is bool(several)
     screen = start("demo", width=1280, height=720)
     screen.type("lag (ms)", "50")
     result = screen.page.get_by_text("Before: 12.4 ms")

@@ -193,6 +193,11 @@ class Session:
         """The board whose samples come in; None for a finished record."""
         return self._state.live and self._state.live.board
 
+    @property
+    def steps(self) -> tuple[int, int]:
+        """Gestures that can be undone, and redone."""
+        return len(self._history.past), len(self._history.future)
+
     def connection(self) -> ConnectionState:
         """The state of the connection to the board on screen now."""
         return NO_CONNECTION if self._boards is None else self._boards.state(self.board)

@@ -22,7 +22,7 @@ from kalscope_app.session.changes import apply_found, momentum_words, set_search
 from kalscope_app.session.session import Failed, Session
 from kalscope_app.session.state import Outcome, State
 from kalscope_app.views.charts import Chart, dots, line, palette_of, time_scale_for
-from kalscope_app.views.widgets import SlowJob, bind, noise_left, on_user, put, table_of, typed
+from kalscope_app.views.widgets import SlowJob, bind, noise_left, offer, on_user, put, table_of, typed
 from kalscope_app.views.window import LAG_NUMBER, PRIMARY
 
 # The ways to find q and r that the dashboard offers: what each asks the user for, and the search it requests.
@@ -81,7 +81,14 @@ def _still(state: State, _text: str) -> Request:
     return Request(noise=Noise(still=(int(at[0]), int(at[-1]) + 1)))
 
 
+def _setting(state: State, name: str) -> Request:
+    return Request(target={"lag_samples": settings_of(state)[name].lag_samples}, momentum=0.0)
+
+
 SIGMA = "σ (std)"
+
+SMOOTHING = {f"{name} smoothing": name for name in SETTINGS}
+"""The goals where the signal shows hardly any noise, by the settings that they stand for."""
 
 SEARCH_METHODS: dict[str, SearchMethod] = {
     LAG: _lag(10.0, None),
@@ -103,21 +110,36 @@ SEARCH_METHODS: dict[str, SearchMethod] = {
     ),
     "gain K": _target("gain", "gain K", "0.1", "The weight of each new sample in the estimate, between 0 and 1."),
     "keep r, fit q": SearchMethod(lambda state, _text: Request(noise=Noise(r=state.tuning.r))),
+    **{
+        goal: SearchMethod(lambda state, _text, name=name: _setting(state, name))
+        for goal, name in SMOOTHING.items()
+    },
 }
 """Ways by the words on screen, the most useful first."""
 
 GOALS = tuple(SEARCH_METHODS)[:4]
 """The ways that the first menu offers; the others are behind MORE."""
 
-MORE_METHODS = tuple(SEARCH_METHODS)[4:]
+MORE_METHODS = tuple(name for name in SEARCH_METHODS if name not in {*GOALS, *SMOOTHING})
 
 HINT = "What the filter is for. Best fit: the q and r that explain the recording best."
 
 
+def goals_of(state: State) -> tuple[str, ...]:
+    """The entries of the first menu."""
+    return *(SMOOTHING if settings_of(state) else ()), *GOALS, MORE
+
+
+def name_of(state: State) -> str:
+    """The chosen way; a setting is one only where there are such settings."""
+    chosen = state.view.search_method
+    return chosen if chosen in (*goals_of(state), *MORE_METHODS) else LAG
+
+
 def method_of(state: State) -> SearchMethod:
     """The chosen way; a lag is first the one that suits the signal on screen."""
-    if state.view.search_method != LAG:
-        return SEARCH_METHODS[state.view.search_method]
+    if (name := name_of(state)) != LAG:
+        return SEARCH_METHODS[name]
     samples = max(proposed_lag(costs_of(state), state.start.params), MIN_LAG)
     return _lag(samples if math.isfinite(samples) else 10.0, state.recording.sample_period)
 
@@ -148,7 +170,7 @@ def settings_text(state: State) -> str:
         for name, one in settings.items()
     )
     table = table_of([dict(zip(heads, row, strict=True)) for row in cells])
-    return f"Hardly any noise to remove without losing movement. Choose:\n\n{table}"
+    return f"Hardly any noise to remove without losing movement. Choose a goal, such as light smoothing:\n\n{table}"
 
 
 # What the last search gave, in a sentence below Apply: what the filter costs, and what has changed.
@@ -242,15 +264,12 @@ class GoalView:
             self._box = gui.add_text("", "", visible=False, hint="")
             self._apply = gui.add_button("Apply", color=PRIMARY, hint="Sets q and r in one step; Undo reverts it.")
             self._costs = gui.add_markdown("", visible=False)
-            hint = "Takes this setting; Undo reverts it."
-            self._settings = gui.add_button_group("smoothing", tuple(SETTINGS), visible=False, hint=hint)
             self._running = SlowJob(gui, "Stop the search and change nothing.")
             self._answer = gui.add_markdown("", visible=False)
         bind(self._goal, session, lambda goal: set_search_method(_method_for(goal), SEARCH_METHODS))
         bind(self._method, session, lambda method: set_search_method(method, SEARCH_METHODS))
         on_user(self._form.on_submit, lambda _client: self._find_and_apply())
         on_user(self._apply.on_click, lambda _client: self._find_and_apply())
-        on_user(self._settings.on_click, lambda _client: self._take_setting(self._settings.value))
         for goal in GOALS:  # so that the palette finds them by their words
             command = gui.add_command(f"Goal: {goal}", description=HINT)
             change = set_search_method(goal, SEARCH_METHODS)
@@ -259,13 +278,6 @@ class GoalView:
     def _find_and_apply(self) -> None:
         text = self._box.value
         self.search(lambda state: method_of(state).request(state, text))
-
-    def _take_setting(self, name: str) -> None:
-        def request(state: State) -> Request | None:
-            cost = settings_of(state).get(name)
-            return None if cost is None else Request(target={"lag_samples": cost.lag_samples}, momentum=0.0)
-
-        self.search(request)
 
     def search(self, request: Callable[[State], Request | None]) -> None:
         """Run a search on the state with every earlier request applied; its result is one undoable change."""
@@ -285,15 +297,14 @@ class GoalView:
         self._show_method(frame.state)
         table = settings_text(frame.state)
         put(self._costs, content=table, visible=bool(table))
-        put(self._settings, visible=bool(table))
         answer = answer_text(frame.state)
         self._answer.content, self._answer.visible = answer, bool(answer)
 
     def _show_method(self, state: State) -> None:
-        name, method = state.view.search_method, method_of(state)
-        self._goal.value = name if name in GOALS else MORE
-        self._method.visible = name not in GOALS
-        if name not in GOALS:
+        name, method, goals = name_of(state), method_of(state), goals_of(state)
+        offer(self._goal, goals, name if name in goals else MORE)
+        self._method.visible = name not in goals
+        if name not in goals:
             self._method.value = name
         shown = state.record_key, state.channel, bool(costs_of(state)), name, method.label
         if shown != self._shown:

@@ -232,7 +232,7 @@ def signal_lines(frame: Frame) -> list[ChartLine]:
         lines.append(charts.rings(frame.set_aside, name, palette.innovation, 9))
     if frame.refused is not None:  # a count here would rebuild the chart
         lines.append(charts.rings(frame.refused, "rejected by the gate", palette.filtered, 13))
-    return [*lines, lag_line(frame, palette)]  # without a lag too: a new line rebuilds the chart
+    return [*lines, *lag_line(frame, palette)]
 
 
 def innovation_lines(frame: Frame) -> tuple[str, list[ChartLine]]:
@@ -269,18 +269,17 @@ def sensor_lines(frame: Frame, palette: Palette, *, raw: bool) -> list[ChartLine
     return lines
 
 
-def lag_line(frame: Frame, palette: Palette) -> ChartLine:
-    """A level line as long as the lag, up to the filtered signal at its steepest rise; NaN where it is tiny."""
-    time, x = frame.drawn.time, frame.filtered
+def lag_line(frame: Frame, palette: Palette) -> tuple[ChartLine, ...]:
+    """A level line as long as the lag, up to the filtered signal at its steepest rise; none if it is too short."""
+    time, x, axis = frame.drawn.time, frame.filtered, time_axis(frame.drawn.time, frame.state)
     steady = frame.steady if frame.state.tuning.fast is None else steady_state(frame.state.params.moving)
-    lag = float(steady.lag_samples) * (frame.state.recording.sample_period or 1.0)
-    y = np.full(len(x), np.nan)
-    if len(x) > 1 and 0.005 * (time[-1] - time[0]) < lag < 0.5 * (time[-1] - time[0]):
-        begin = np.searchsorted(time, time - lag)
-        rise = np.nan_to_num(np.where(time - lag < time[0], np.nan, x - x[begin]), nan=-math.inf)
-        end = int(np.argmax(rise))
-        y[begin[end] : end + 1] = x[end]
-    return charts.line(y, "lag", palette.ink, 3, scaled=False, gaps=True)
+    lag, length = steady.lag_samples * (frame.state.recording.sample_period or 1.0), axis.last - axis.first
+    if len(x) < 2 or steady.lag_samples < 1.0 or not 0.005 * length < lag < 0.5 * length:
+        return ()  # by no sample's time: of a live record they vary, and another line rebuilds the chart
+    y, begin = np.full(len(x), np.nan), np.searchsorted(time, time - lag)
+    end = int(np.argmax(np.nan_to_num(np.where(time - lag < time[0], np.nan, x - x[begin]), nan=-math.inf)))
+    y[begin[end] : end + 1] = x[end]
+    return (charts.line(y, "lag", palette.ink, 3, scaled=False, gaps=True),)
 
 
 GAIN_LEVELS = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0)

@@ -17,6 +17,7 @@ from kalscope_app.session.session import Session, redo, undo
 from kalscope_app.session.state import Change, State
 from kalscope_app.views.goal import account_text
 from kalscope_app.views.widgets import Ends, NumberWithSlider, TypedNumber, add_button, bind, offer, on_user, put
+from kalscope_app.views.window import STEP_BUTTONS
 
 # The parameters, a row each: the exact value as text, and a slider over its exponent.
 
@@ -104,20 +105,29 @@ class ParametersView:
 
 
 STEPS = {"Pin": changes.pin_present, "Undo": undo, "Redo": redo}
-"""The row of small buttons."""
+"""The row of small buttons; the last two are there once there is something to undo."""
 
 
-def add_steps(gui: viser.GuiApi, session: Session) -> None:
+class StepsView:
     """The row of small buttons below the parameters, and its keys."""
-    hint = "Pin: keep this setting as A, B, C … in the Compare tab."
-    steps = gui.add_button_group("", tuple(STEPS), hint=hint)
-    on_user(steps.on_click, lambda _client: session.request(STEPS[steps.value]))
-    for command, change in (
-        (gui.add_command("Undo", hotkey="Z", modifier="cmd/ctrl"), undo),
-        (gui.add_command("Redo", hotkey="Z", modifier="cmd/ctrl+shift"), redo),
-        (gui.add_command("Redo (Ctrl+Y)", hotkey="Y", modifier="cmd/ctrl"), redo),
-    ):
-        on_user(command.on_trigger, lambda _client, change=change: session.request(change))
+
+    def __init__(self, gui: viser.GuiApi, session: Session) -> None:
+        self._session = session
+        gui.add_html(STEP_BUTTONS)
+        hint = "Pin: keep this setting as A, B, C … in the Compare tab."
+        self._steps = gui.add_button_group("", tuple(STEPS), hint=hint)
+        on_user(self._steps.on_click, lambda _client: session.request(STEPS[self._steps.value]))
+        for command, change in (
+            (gui.add_command("Undo", hotkey="Z", modifier="cmd/ctrl"), undo),
+            (gui.add_command("Redo", hotkey="Z", modifier="cmd/ctrl+shift"), redo),
+            (gui.add_command("Redo (Ctrl+Y)", hotkey="Y", modifier="cmd/ctrl"), redo),
+        ):
+            on_user(command.on_trigger, lambda _client, change=change: session.request(change))
+
+    def show(self, _frame: Frame) -> None:
+        """Offer to undo and redo where there is something to undo or redo."""
+        past, future = self._session.steps
+        put(self._steps, options=tuple(STEPS)[: 3 if future else 2 if past else 1])
 
 
 # What is shown in place of the goal while a chain of filters runs: what q and r do then, and a way back.

@@ -51,6 +51,9 @@ VERDICT = '<span class="kalscope-verdict"></span>'
 ONE_BUTTON = '<span class="kalscope-one-button"></span>'
 """Precedes a row of one button, which is then as wide as its label."""
 
+STEP_BUTTONS = '<span class="kalscope-steps"></span>'
+"""Precedes the row of small buttons, each as wide as where there are three."""
+
 FILES = '<span class="kalscope-files"></span>'
 """Precedes the files in a dialog, which is then wide and high enough for code."""
 

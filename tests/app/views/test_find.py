@@ -46,7 +46,7 @@ def test_a_goal_is_met_exactly_and_r_comes_from_the_recording(state, way, text, 
 
 def test_every_way_without_a_box_answers_and_the_others_need_their_number(state):
     for way, method in SEARCH_METHODS.items():
-        if method.label:
+        if method.label or way in goal.SMOOTHING:
             with pytest.raises(BadSetting):
                 search(state, way)
         else:
@@ -96,6 +96,11 @@ def test_three_settings_are_offered_where_the_best_fit_hardly_filters():
     lost = [one.movement_lost for one in settings_of(moving).values()]
     assert (list(settings_of(moving)), lost) == (["light", "medium", "strong"], sorted(lost))
     assert (goal.settings_text(still), goal.settings_text(moving).count("\n|")) == ("", 5)
+    assert goal.goals_of(moving) == (*goal.SMOOTHING, *goal.goals_of(still))
+    for way, name in goal.SMOOTHING.items():
+        lag = steady_state(search(moving, way).params).lag_samples
+        assert lag == pytest.approx(settings_of(moving)[name].lag_samples)
+        assert method_of(still.with_view(search_method=way)).label == method_of(still).label  # not on this channel
 
 
 def test_a_late_answer_goes_to_its_own_channel_or_nowhere(state):
