@@ -39,16 +39,10 @@ def test_it_equals_the_filter_in_float32_by_hand_to_the_bit_with_and_without_mom
     rng = np.random.default_rng(seed)
     z = awkward_samples(seed, 600)
     q, r, p0, x0 = 10.0 ** rng.uniform(-4, 2, 4)
+    kinds = (q, r), (q, r, p0), (q, r, p0, x0), (q, r, p0, None, 9.0), (0.0, r, 0.0, None, 4.0), (q, 0.0, 0.0)
     for tau in (0.0, 1e-3, 0.4, 7.0, 60.0, 1e5):
-        for params in (
-            FilterParams(q, r, momentum=tau),
-            FilterParams(q, r, p0, momentum=tau),
-            FilterParams(q, r, p0, x0, momentum=tau),
-            FilterParams(q, r, p0, gate=9.0, momentum=tau),
-            FilterParams(0.0, r, 0.0, gate=4.0, momentum=tau),
-            FilterParams(q, 0.0, 0.0, momentum=tau),
-        ):
-            held = float32_params(params)
+        for kind in kinds:
+            held = float32_params(FilterParams(*kind, momentum=tau))
             other = ByHand(held)
             np.testing.assert_array_equal(filter_float32(z, held), [other.update(one) for one in z])
 
@@ -56,10 +50,9 @@ def test_it_equals_the_filter_in_float32_by_hand_to_the_bit_with_and_without_mom
 @pytest.mark.parametrize("tau", [0.4, 7.0, 60.0, 1e5])
 def test_momentum_in_float32_stays_with_the_filter_in_double(tau):
     z = awkward_samples(3)
+    near = 2e-5 * np.nanmax(np.abs(z))
     for params in (FilterParams(0.5, 1.0, momentum=tau), FilterParams(50.0, 4.0, 1.0, 0.0, 9.0, momentum=tau)):
-        np.testing.assert_allclose(
-            filter_float32(z, params), kalman_filter(z, params).x, rtol=0, atol=2e-5 * np.nanmax(np.abs(z))
-        )
+        np.testing.assert_allclose(filter_float32(z, params), kalman_filter(z, params).x, rtol=0, atol=near)
 
 
 def test_text_and_float32_are_the_same_bits():

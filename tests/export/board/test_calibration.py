@@ -25,42 +25,31 @@ from kalscope.export.board import (
 )
 from kalscope.sources.live.source import LiveSource
 
-
-def calibrated(r=12.3456, q=1.23456e-3, step=1.0, counts="n=1997 spikes=3 missing=0"):
-    bits = ",".join(f"{np.float32(value).view(np.uint32):08X}" for value in (r, q, step))
-    return f"# light calibrated r={r:.6e} q={q:.6e} {counts} step={step:.6f} bits={bits}"
-
-
+GOOD = "# light calibrated r=1.234560e+01 q=1.234560e-03 n=1997 spikes=3 missing=0 step=1.000000 bits=BITS"
 ANSWER = Calibrated("light", np.float32(12.3456), np.float32(1.23456e-3), np.float32(1.0), 1997, 3, 0)
+OTHER = ["# light q=1.0 r=2.0 p=inf bits=3F800000,40000000,7F800000", "# light calibrating rows=2016"]
+OTHER += [f"# light not calibrated: {text}" for text in ("\x1b[31mred", "x" * 200)]
+
+
+def bits_of(*values):
+    return ",".join(f"{np.float32(value).view(np.uint32):08X}" for value in values)
 
 
 def test_every_answer_is_read_and_nothing_else():
-    good = calibrated()
-    for line, expected in {
-        good: ANSWER,
-        "# light not calibrated: the level moves": NotCalibrated("light", "the level moves"),
-        **dict.fromkeys(
-            (
-                "# light q=1.0 r=2.0 p=inf bits=3F800000,40000000,7F800000",
-                "# light calibrating rows=2016",
-                "#light not calibrated: the level moves",
-                "# light not calibrated: \x1b[31mred",
-                "# light not calibrated: " + "x" * 200,
-                good.replace("n=1997 ", ""),
-                calibrated(r=0.0),
-                calibrated(q=-1.0),
-                calibrated(counts="n=0 spikes=3 missing=0"),
-            )
-        ),
-    }.items():
-        assert read_calibration(line) == expected, line
+    good = GOOD.replace("BITS", bits_of(12.3456, 1.23456e-3, 1.0))
+    assert read_calibration(good) == ANSWER
+    refusal = "# light not calibrated: the level moves"
+    assert read_calibration(refusal) == NotCalibrated("light", "the level moves")
+    bad = [GOOD.replace("BITS", bits_of(*values)) for values in ((0.0, 1e-3, 1.0), (12.0, -1.0, 1.0))]
+    bad += [refusal.replace("# ", "#"), good.replace("n=1997 ", ""), good.replace("n=1997", "n=0")]
+    assert [read_calibration(line) for line in (*OTHER, *bad)] == [None] * 9
 
 
-@pytest.mark.parametrize("seconds", [0.0, -1.0, math.nan, math.inf])
-def test_an_impossible_time_is_refused(seconds):
+def test_an_impossible_time_is_refused():
     assert calibration.calibration_command(None, 3) == "3 c 0"
-    with pytest.raises(BadSetting, match="the time to measure for must be above 0 s"):
-        calibration.calibration_command(seconds)
+    for seconds in (0.0, -1.0, math.nan, math.inf):
+        with pytest.raises(BadSetting, match="the time to measure for must be above 0 s"):
+            calibration.calibration_command(seconds)
 
 
 @pytest.fixture
@@ -155,12 +144,10 @@ def test_a_cancelled_measurement_names_what_the_board_has_measured_already(conne
 
 def test_the_words_name_both_figures():
     here = noise_from_still(np.random.default_rng(1).normal(20.0, 0.0411, 2000))
-    answer = Calibrated("light", np.float32(here.r * 1.005), np.float32(1e-5), np.float32(0.0), 1997, 1, 2)
-    text = measured_text(Measurement(answer, here), "°C")
-    assert "q = 1.000e-5 °C²; from 1\u202f997 samples, 1 spike left out, 2 missing. σ = 0.04" in text
+    text = measured_text(Measurement(replace(ANSWER, r=np.float32(here.r * 1.005), q=np.float32(1e-5)), here), "°C")
+    assert "q = 1.000e-5 °C²; from 1\u202f997 samples, 3 spikes left out, 0 missing. σ = 0.04" in text
     assert text.endswith(" here: equal within 0.25 %.")
-    rounding = replace(answer, r=np.float32(1.0 / 12.0), step=np.float32(1.0))
-    text = measured_text(Measurement(rounding), "")
+    text = measured_text(Measurement(replace(ANSWER, r=np.float32(1.0 / 12.0))), "")
     assert "The readings hardly change: this is their rounding. Its samples did not arrive here, so" in text
     refused = measured_text(Measurement(NotCalibrated("light", "the level moves")), "")
     assert refused == "The board keeps its values: the level moves."

@@ -47,34 +47,31 @@ def test_momentum_goes_to_a_board_that_knows_it_only_and_is_switched_off_there()
         commands(float32_params(FilterParams(0.5, 4.0, momentum=1e-4)), knows_momentum=True)
 
 
-def test_an_answer_with_momentum_says_which_filter_the_board_runs():
-    line = "# light q=1.000000e-2 r=4.000000 p=inf t=20.000000 bits=3C23D70A,40800000,7F800000,41A00000\r\n"
+def test_an_answer_says_which_filter_the_board_runs():
+    """With momentum, behind a median, or one that takes no values."""
+    line = "# light q=1.000000e-2 r=4.000000 p=inf t=20.000000 m=5 bits=3C23D70A,40800000,7F800000,41A00000\r\n"
     answer = read_answer(line)
-    assert answer == BoardAnswer("light", F(0.01), F(4.0), F(np.inf), F(20.0))
+    assert answer == BoardAnswer("light", F(0.01), F(4.0), F(np.inf), F(20.0), 5)
     asked = float32_params(FilterParams(1e-14, 4.0, gate=9.0, momentum=10.0))
     used = answer.applied_to(asked)
-    assert (used.q, used.r, used.gate) == (F(0.01), F(4.0), F(9.0))
+    assert (used.q, used.r, used.gate, used.median) == (F(0.01), F(4.0), F(9.0), 5)
     assert used.momentum == momentum_on_board(F(0.01), F(20.0))
     assert replace(answer, momentum=F(0.0)).applied_to(asked).momentum is None
-
-
-def test_an_answer_may_name_a_median_and_a_filter_that_takes_no_values():
-    line = "# light q=1.000000e-2 r=4.000000 p=inf m=5 bits=3C23D70A,40800000,7F800000\r\n"
-    answer = read_answer(line)
-    assert answer == BoardAnswer("light", F(0.01), F(4.0), F(np.inf), median=5)
-    assert answer.applied_to(float32_params(FilterParams(0.5, 4.0))).median == 5
-    both = line.replace("m=5", "t=20.000000 m=5").replace("7F800000", "7F800000,41A00000")
-    assert read_answer(both) == BoardAnswer("light", F(0.01), F(4.0), F(np.inf), F(20.0), 5)
+    plain = read_answer(line.replace(" t=20.000000 m=5", "").replace(",41A00000", ""))
+    assert plain == BoardAnswer("light", F(0.01), F(4.0), F(np.inf))
     fixed = "# tilt takes no values while it runs: export the sketch again to change it\r\n"
     assert read_answer(fixed) == FixedFilter("tilt")
 
 
-@pytest.mark.parametrize(
-    "line", ["512.0,500.5", "# raw,filtered", "# too slow: samples left out: 3", "# a q=1 r=1 p=1 bits=1,2,3", ""]
-)
-def test_any_other_line_is_no_answer(line):
-    assert read_answer(line) is None
-    assert not is_refusal(line)
+def test_any_other_line_is_no_answer():
+    for line in (
+        "512.0,500.5",
+        "# raw,filtered",
+        "# too slow: samples left out: 3",
+        "# a q=1 r=1 p=1 bits=1,2,3",
+        "",
+    ):
+        assert (read_answer(line), is_refusal(line)) == (None, False)
 
 
 PARAMS = Float32Params(F(0.01), F(4.0))
