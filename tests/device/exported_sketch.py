@@ -6,6 +6,7 @@ import re
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import serial
 from tests.support.board import EEPROM, FLAT_OUT, Firmware, Uno, Workshop, read_lines
 from tests.support.waiting import PATIENCE
@@ -68,6 +69,18 @@ def step_us(
     timing.write_text(text, encoding="ascii")
     board = start_board(workshop.sketch(timing, include=[EEPROM]), 0, *FLAT_OUT, name=f"timing-{abs(hash(step)):x}")
     return int(read_lines(board.port, 1)[0]) / 1000
+
+
+def printed_rows(board: Uno, lines: int) -> np.ndarray:
+    """The numbers of the first lines but for remarks, float32, shape (rows, columns); the board then stops."""
+    cells = [line.split(b",") for line in read_lines(board.port, lines, 1_000_000) if not line.startswith(b"#")]
+    board.stop()
+    return np.array([[float(cell) for cell in row] for row in cells], dtype=np.float32)
+
+
+def without_zeros(counts: np.ndarray, rows: int) -> np.ndarray:
+    """The samples that `MISSING` makes of the first counts."""
+    return np.where(counts[:rows] == 0, np.nan, counts[:rows]).astype(np.float32)
 
 
 class Talk:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from tests.device.exported_sketch import FAST, MISSING, Talk, exported, saved
+from tests.device.exported_sketch import FAST, MISSING, Talk, exported, saved, without_zeros
 from tests.support.board import FLAT_OUT, read_lines
 
 from kalscope.export.board import FixedFilter, check_board, is_refusal, read_answer
@@ -51,7 +51,7 @@ def test_five_channels_with_different_filters_print_the_bits_of_the_host_and_say
     assert [type(one) is FixedFilter for one in first] == [False, True, True, False, True]
     assert [one.median for one in (first[0], first[3])] == [5, 1]
     printed = np.array(talk.rows, dtype=np.float32)
-    samples = np.where(z == 0, np.nan, z)[: len(printed)].astype(np.float32)
+    samples = without_zeros(z, len(printed))
     np.testing.assert_array_equal(printed[:, ::2], samples)
     for c, channel in enumerate(CHANNELS):
         rows = len(printed) if isinstance(first[c], FixedFilter) else before

@@ -52,7 +52,7 @@ def test_a_board_that_runs_already_can_be_sent_to_though_it_has_told_no_names(st
     assert_obeys(state)
 
 
-@pytest.mark.parametrize(("before", "after"), [(0.0, 0.0), (20.0, 5.0), (20.0, 0.0)])
+@pytest.mark.parametrize(("before", "after"), [(0.0, 0.0), (20.0, 5.0)])
 def test_only_the_channel_on_screen_gets_the_values_and_computes_what_we_do(start_board, workshop, before, after):
     light = ChannelTuning("light", "counts", 0.5, 20.0)
     temp = ChannelTuning("temp", "counts", 0.01, 9.0, 4.0, momentum=before)

@@ -121,13 +121,11 @@ def must_be_posterior(z, params, states, filtered, smoothed, rel):
     lost = ROUNDING * np.diag(states[1]).reshape(-1, 2).max(axis=0) + 1e-14
 
     def compare(found, i, mean, cov):
-        for k, (value, variance) in enumerate((("x", "p"), ("velocity", "velocity_p"))):
-            if getattr(found, value) is not None:
+        for k, (value, variance) in enumerate(((found.x, found.p), (found.velocity, found.velocity_p))):
+            if value is not None:
                 m, c = mean[2 * i + k], cov[2 * i + k, 2 * i + k]
-                assert getattr(found, variance)[i] == pytest.approx(c, rel=rel, abs=lost[k]), (variance, i)
-                assert getattr(found, value)[i] == pytest.approx(
-                    m, abs=rel * (abs(m) + math.sqrt(c + lost[k]) + 1)
-                ), i
+                assert variance[i] == pytest.approx(c, rel=rel, abs=lost[k]), (k, i)
+                assert value[i] == pytest.approx(m, abs=rel * (abs(m) + math.sqrt(c + lost[k]) + 1)), (k, i)
 
     known = int(np.flatnonzero(np.isfinite(rows).any(axis=1))[0]) if params.p0 is None else 0
     for i in range(known, len(z), 5):
@@ -151,11 +149,8 @@ def must_be_posterior(z, params, states, filtered, smoothed, rel):
 )
 def test_random_steps_and_gaps_are_the_posterior_of_the_dense_model(seed, sensors, tau, q, r, start, spread):
     rng, n = np.random.default_rng(seed), 30
-    dt = {
-        "regular": np.ones(n),
-        "any": rng.exponential(1.5, n) * (rng.random(n) > 0.05),
-        "gaps": rng.choice([0.0, 0.3, 1.0, 1.0, 2.5, 40.0], n),
-    }[spread]
+    uneven = {"any": rng.exponential(1.5, n) * (rng.random(n) > 0.05), "regular": np.ones(n)}
+    dt = uneven.get(spread, rng.choice([0.0, 0.3, 1.0, 1.0, 2.5, 40.0], n))
     several = {
         "r": r * 10.0 ** rng.uniform(0, 2, sensors),
         "offset": rng.normal(0.0, 5.0, sensors),
@@ -190,71 +185,46 @@ def test_the_settled_filter_of_a_long_momentum_is_alpha_beta(acceleration):
     assert found.lag_samples == pytest.approx((1 - alpha) / (beta * tau), rel=1e-6)  # 0 in the limit
 
 
-PAIRS = ((0.05, 0.8, 20.0), (4.0, 1.0, 3.0), (0.5, 2.0, 0.7), (30.0, 1.0, 400.0))
-
-
-def rough(n=300, seed=3, missing=0.0):
-    rng = np.random.default_rng(seed)
+def rough(n=300, missing=0.0):
+    rng = np.random.default_rng(3)
     z = np.cumsum(np.cumsum(rng.normal(0, 0.1, n))) + rng.normal(size=n)
     z[rng.random(n) < missing] = np.nan
     return z
 
 
-def statsmodels():
-    """Their models; imported where they are used, because every worker collects this file."""
-    import statsmodels.api as sm
-
-    return sm.tsa
-
-
-def trend_model(z, move, r, start):
-    """The local linear trend of statsmodels with the transition of the model with momentum."""
-    f, noise = move
-    model = statsmodels().UnobservedComponents(z, "lltrend")
-    model.ssm["transition"], model.ssm["state_cov"] = f, noise
-    model.ssm["selection"], model.ssm["obs_cov"] = np.eye(2), np.array([[r]])
-    mean, cov = start
-    model.ssm.initialize_known(f @ mean, f @ cov @ f.T + noise)  # theirs is the state of the first sample
-    model.ssm.loglikelihood_burn = 0
-    return model.ssm
-
-
 @pytest.mark.slow
-@pytest.mark.parametrize(("q", "r", "momentum"), PAIRS)
+@pytest.mark.parametrize(("q", "r", "momentum"), [(0.05, 0.8, 20.0), (4.0, 1.0, 3.0), (30.0, 1.0, 400.0)])
 def test_filter_smoother_and_likelihood_are_those_of_a_local_linear_trend(q, r, momentum):
-    z = rough(missing=0.1)
-    start = np.array([0.7, 0.0]), np.diag([2.0, q / (2 * momentum)])
-    theirs = trend_model(z, van_loan(1.0, q, momentum), r, start).smooth()
+    from statsmodels.tsa.api import UnobservedComponents  # every worker collects this file
+
+    z, (f, noise) = rough(missing=0.1), van_loan(1.0, q, momentum)
+    model = UnobservedComponents(z, "lltrend").ssm
+    model["transition"], model["state_cov"] = f, noise
+    model["selection"], model["obs_cov"] = np.eye(2), np.array([[r]])
+    start = f @ np.diag([2.0, q / (2 * momentum)]) @ f.T + noise  # theirs is the state of the first sample
+    model.initialize_known(f @ [0.7, 0.0], start)
+    model.loglikelihood_burn = 0
+    theirs = model.smooth()
     params = FilterParams(q, r, p0=2.0, x0=0.7, momentum=momentum)
     filtered, smoothed = kalman_filter(z, params), smooth(z, params)
     for state, cov, found in (
         (theirs.filtered_state, theirs.filtered_state_cov, filtered),
         (theirs.smoothed_state, theirs.smoothed_state_cov, smoothed),
     ):
-        np.testing.assert_allclose(found.x, state[0], rtol=1e-8, atol=1e-8)
-        np.testing.assert_allclose(found.velocity, state[1], rtol=1e-8, atol=1e-8)
-        np.testing.assert_allclose(found.p, cov[0, 0], rtol=1e-8)
-        np.testing.assert_allclose(found.velocity_p, cov[1, 1], rtol=1e-8)
+        np.testing.assert_allclose([found.x, found.velocity], state, rtol=1e-8, atol=1e-8)
+        np.testing.assert_allclose([found.p, found.velocity_p], [cov[0, 0], cov[1, 1]], rtol=1e-8)
     assert filtered.loglik == pytest.approx(theirs.llf_obs.sum(), rel=1e-10)
-
-
-def settled(params):
-    """K, L, e and f of the settled filter."""
-    found = steady_state(params)
-    kept = math.exp(-1.0 / params.momentum)
-    return found.gain, found.velocity_gain, kept, params.momentum * (1.0 - kept)
 
 
 @pytest.mark.parametrize(("q", "r", "momentum"), [(0.05, 0.8, 20.0), (4.0, 1.0, 30.0), (0.01, 1.0, 6.0)])
 def test_the_settled_filter_predicts_as_a_damped_trend(q, r, momentum):
     """Level and slope of the damped trend are x and f v / e: α = K, β = f L / e, φ = e."""
-    z = rough(2000)
-    params = FilterParams(q, r, momentum=momentum)
-    gain, velocity_gain, e, f = settled(params)
-    model = statsmodels().ETSModel(
-        z, trend="add", damped_trend=True, initialization_method="known", initial_level=z[0], initial_trend=0.0
-    )
-    theirs = model.smooth([gain, f * velocity_gain / e, e])
-    ours = kalman_filter(z, params)
-    late = slice(1500, None)
-    np.testing.assert_allclose((z - ours.innovation)[late], theirs.fittedvalues[late], rtol=1e-9, atol=1e-9)
+    from statsmodels.tsa.api import ETSModel
+
+    z, params = rough(2000), FilterParams(q, r, momentum=momentum)
+    settled, e = steady_state(params), math.exp(-1.0 / momentum)
+    known = {"initialization_method": "known", "initial_level": z[0], "initial_trend": 0.0}
+    model = ETSModel(z, trend="add", damped_trend=True, **known)
+    theirs = model.smooth([settled.gain, momentum * (1.0 - e) * settled.velocity_gain / e, e]).fittedvalues
+    ours = z - kalman_filter(z, params).innovation
+    np.testing.assert_allclose(ours[1500:], theirs[1500:], rtol=1e-9, atol=1e-9)

@@ -13,7 +13,7 @@ from tests.truth.truth_cases import ROOTS, SETS, groups_of, stored
 from tests.truth.truth_differences import changes
 
 NO_DATA = pytest.mark.skipif(not ROOTS["shared"].is_dir(), reason="shared/data is not beside the repository")
-FAST = ("sample_data/", "filters", "exports", "words")
+FAST = ("exports", "words")
 CHANNELS = 2 if FUZZ == 1 else None
 """Channels of each real recording that the ordinary run looks at; `make soak` looks at all of them."""
 

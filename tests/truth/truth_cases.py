@@ -1,7 +1,6 @@
 """What must not change by accident: every case of `tests/truth/*.jsonl`, computed by the public functions.
 
-A case is a line of plain values with an id "group#name". Names that may change are used in the functions below
-"names that may change" only.
+A case is a line of plain values with an id "group#name".
 """
 
 from __future__ import annotations
@@ -20,9 +19,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from tests.truth.verdict_states import SIGNALS, STATES, row_of
 
 import kalscope as ks
+from kalscope.analysis.judge import judge
+from kalscope.cli.app import run
 from kalscope.estimation.many import Series, estimate_many, series_of
+from kalscope.estimation.pool import fit_pool, pool_of
+from kalscope.estimation.request import find_parameters
+from kalscope.export.registry import TARGETS
 from kalscope.filtering.classic import Chain, OneEuro
 
 Case = dict[str, Any]
@@ -34,55 +39,6 @@ ROOT = HERE.parents[1]
 ROOTS = {"sample_data": ROOT / "sample_data", "shared": ROOT.parent / "shared" / "data"}
 LONGEST, SHOWN = 300_000, 50
 """Samples of a recording that are used; spikes whose places are stored (of more, the first and a hash of all)."""
-
-
-# --- names that may change ------------------------------------------------------------------------------
-
-
-FilterModel = ks.FilterParams
-
-
-def targets() -> Any:
-    from kalscope.export.registry import TARGETS
-
-    return tuple(name for name, each in TARGETS.items() if each.setting is None)
-
-
-def pooled_fits(many: Series) -> Iterator[tuple[str, Any]]:
-    """The filter for a whole fleet, each device with its own r."""
-    from kalscope.estimation.pool import fit_pool, pool_of
-
-    yield "each", fit_pool(pool_of(many))
-
-
-def judged_states() -> Iterator[tuple[str, Any]]:
-    """The verdict table: filters that were set by hand on known records, and their judgements."""
-    from tests.truth.verdict_states import STATES, row_of
-
-    yield from ((state.name(), row_of(state).said) for state in STATES)
-
-
-def judged_fits() -> Iterator[tuple[str, Any]]:
-    """The first answer on each record of the verdict table."""
-    from tests.truth.verdict_states import SIGNALS
-
-    from kalscope.analysis.judge import judge
-    from kalscope.estimation.request import find_parameters
-
-    for name, z in SIGNALS.items():
-        found = find_parameters(z)
-        tested = ks.diagnose(ks.kalman_filter(z, found.params), fitted=found.reason == "best_fit")
-        yield name, judge(tested, None, found.estimate, request=found.request)
-
-
-def run(*arguments: str) -> str:
-    """What `kalscope …` prints, or why it refuses."""
-    from kalscope.cli.app import run as kalscope
-
-    with redirect_stdout(io.TextIOWrapper(io.BytesIO())) as out, redirect_stderr(io.StringIO()) as refused:
-        code = kalscope(list(arguments))
-    out.flush()
-    return refused.getvalue() if code else out.buffer.getvalue().decode()
 
 
 # --- plain values ---------------------------------------------------------------------------------------
@@ -177,7 +133,7 @@ def filters(count: int = 120) -> Iterator[Case]:
         model = {"q": 10.0 ** g.uniform(-6, 2), "r": 10.0 ** g.uniform(-3, 3)} | start(g)
         model |= [{}, {}, {}, {"q": 0.0}, {"r": 0.0}][int(g.integers(5))]
         z, dt = record(g, int(g.choice([1, 2, 9, 40, 333, 2500, 20_000])), model["momentum"])
-        z, params = np.ascontiguousarray(z[:, 0]), FilterModel(**model)
+        z, params = np.ascontiguousarray(z[:, 0]), ks.FilterParams(**model)
         case = {"id": f"filters#{seed:03d}", "n": len(z), "uneven": dt is not None, "model": plain(model)}
         yield case | filtered(z, params, dt)
 
@@ -236,7 +192,7 @@ def fusions(count: int = 24) -> Iterator[Case]:
                 | {"sentences": [*(fault.text for fault in one.findings), *one.if_it_fails]}
                 for one in judged.sensors
             ]
-        yield case | fused(z, FilterModel(**model), dt)
+        yield case | fused(z, ks.FilterParams(**model), dt)
 
 
 def spoil(g: Any, z: Any, fault: int) -> None:
@@ -271,9 +227,8 @@ def fleets() -> Iterator[Case]:
             series[3], series[5], series[7] = np.full(len(series[3]), 2.5), series[5] * np.nan, np.round(series[7])
         many = series_of(series, dt)
         yield from table(name, many)
-        for scale, fit in pooled_fits(many):
-            names = "q r ratio loglik ratio_interval verdict"
-            yield {"id": f"fleets#{name}, pooled, {scale}", "tuned": fields(fit, names)}
+        pooled = fields(fit_pool(pool_of(many)), "q r ratio loglik ratio_interval verdict")
+        yield {"id": f"fleets#{name}, pooled, each", "tuned": pooled}
 
 
 def table(name: str, many: Series) -> Iterator[Case]:
@@ -296,18 +251,27 @@ COMMANDS = (
 
 
 def states_judged() -> Iterator[Case]:
-    for kind, judged in (("by hand", judged_states()), ("first answer", judged_fits())):
-        for name, one in judged:
-            advice = [{"text": each.text, "action": type(each.action).__name__} for each in one.findings]
-            case = {"id": f"judged#{kind}, {name}", "advice": advice}
-            yield case | fields(one, "status word tone headline") | {"held_out": one.second_half}
+    """Filters that were set by hand on known records, the first answer on each of these, and their judgements."""
+    judged = {f"by hand, {state.name()}": row_of(state).said for state in STATES}
+    for name, z in SIGNALS.items():
+        found = find_parameters(z)
+        tested = ks.diagnose(ks.kalman_filter(z, found.params), fitted=found.reason == "best_fit")
+        judged[f"first answer, {name}"] = judge(tested, None, found.estimate, request=found.request)
+    for name, one in judged.items():
+        advice = [{"text": each.text, "action": type(each.action).__name__} for each in one.findings]
+        case = {"id": f"judged#{name}", "advice": advice}
+        yield case | fields(one, "status word tone headline") | {"held_out": one.second_half}
 
 
 def commands() -> Iterator[Case]:
+    """What `kalscope tune` prints, wherever its lines are broken, or why it refuses."""
     for command in COMMANDS.split("; "):
         name, *options = command.split()
-        text = re.sub("[ \n]+", " ", run("tune", f"sample:{name}", *options))  # wherever the lines are broken
-        yield {"id": f"commands#{command}", "text": text.strip()}
+        with redirect_stdout(io.TextIOWrapper(io.BytesIO())) as out, redirect_stderr(io.StringIO()) as refused:
+            code = run(["tune", f"sample:{name}", *options])
+        out.flush()
+        text = refused.getvalue() if code else out.buffer.getvalue().decode()
+        yield {"id": f"commands#{command}", "text": re.sub("[ \n]+", " ", text).strip()}
 
 
 def words() -> Iterator[Case]:
@@ -353,7 +317,8 @@ def exports() -> Iterator[Case]:
     """A hash of each file that each target writes, or its refusal."""
     level = ks.read_recording(ROOTS["sample_data"] / "tank_level.csv")
     options = ({}, {"vectors": level}, {"calibration": True})
-    for (name, tuning), option, target in product(tunings(level), options, targets()):
+    targets = [name for name, each in TARGETS.items() if each.setting is None]
+    for (name, tuning), option, target in product(tunings(level), options, targets):
         case = {"id": f"exports#{', '.join([name, target, *option])}"}
         try:
             files = ks.export_tuning(tuning, target, **option)

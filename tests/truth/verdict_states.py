@@ -1,9 +1,4 @@
-"""States of (signal, q, r, p0, gate, momentum, start) whose verdicts must not contradict the data.
-
-    PYTHONPATH=src python tests/truth/verdict_states.py
-
-prints the words of each beside the tests behind them, to be read by eye.
-"""
+"""States of (signal, q, r, p0, gate, momentum, start) whose verdicts must not contradict the data."""
 
 from __future__ import annotations
 
@@ -143,23 +138,5 @@ class Row:
 def row_of(state: VerdictState) -> Row:
     """Judge one state as the dashboard does, on the whole record and on its second half."""
     whole = diagnose(kalman_filter(state.z, state.params))
-    assert isinstance(whole, Diagnostics)
     half = diagnose_held_out(state.z, state.params)
     return Row(state, whole, half, judge(whole, half))
-
-
-def main() -> None:
-    """Print all rows."""
-    for state in STATES:
-        row = row_of(state)
-        d, said = row.whole, row.said
-        print(
-            f"{state.name():44} NIS {d.nis:<9.3g} half {row.half.nis:<9.3g} r1 {d.r1:+.2f} LB p {d.ljung_box_p:.1e}"
-        )
-        print(f"    [{said.word}, {said.tone}] {said.headline}")
-        for one in said.findings:
-            print(f"      - {one.text}  {one.action or ''}")
-
-
-if __name__ == "__main__":
-    main()
