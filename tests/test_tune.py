@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import matplotlib as mpl
 import numpy as np
 import pandas as pd
@@ -56,13 +58,16 @@ def test_known_noise_or_a_ratio(recording):
     z = recording.values[:, 0]
     assert kalscope.estimate(z, r=4.0).r == 4.0
     assert kalscope.estimate(z, ratio=0.1).ratio == pytest.approx(0.1)
-    for wrong in (
-        {"r": 4.0, "ratio": 0.1},
-        {"r": 4.0, "momentum": 3.0},
-        {"ratio": 0},
-    ):
+    for wrong in ({"r": 4.0, "ratio": 0.1}, {"r": 4.0, "momentum": 3.0}, {"ratio": 0}):
         with pytest.raises(kalscope.BadSetting):
             kalscope.estimate(z, **wrong)
+
+
+def test_steps_are_nominal_periods_and_a_step_back_is_none(recording):
+    uneven = replace(recording, time=[0.0, 3.0, 2.0], values=recording.values[:3], sample_period=2.0)
+    assert uneven.steps().tolist() == [1.0, 1.5, 0.0]
+    with pytest.raises(kalscope.BadSetting, match="dt needs a recording with time"):
+        replace(recording, sample_period=None).steps()
 
 
 def test_a_frame_is_a_recording_and_everything_prints_in_a_few_words(recording):
