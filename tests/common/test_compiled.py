@@ -66,10 +66,7 @@ def test_the_filter_gives_the_same_bits_plain_and_compiled(monkeypatch):
         monkeypatch.setattr(kernels, name, getattr(kernels, name).py_func)
     assert list(filtered(partial(plainly, kernels.filter_rows))) == whole
     assert sum(samples for _, samples, *_ in whole) > 5000
-
-
-def test_a_loop_goes_to_another_process_by_its_name():
-    assert pickle.loads(pickle.dumps(kernels.step)) is kernels.step
+    assert pickle.loads(pickle.dumps(kernels.filter_rows)) is kernels.filter_rows  # by name, to another process
 
 
 FEW = """
@@ -92,35 +89,22 @@ def test_a_short_record_is_filtered_without_the_compiler_and_a_long_one_with_it(
 
 CALLED = """
 import numpy as np
-from kalscope.estimation import kernels
-from kalscope.filtering.kernels import transition
-ones = np.ones(16)
-kernels.scan_lanes(ones, ones[:0], ones, ones, ones, ones.copy(), ones.copy())
+from kalscope.common import compiled
+from kalscope.estimation.kernels import set_step
+from kalscope.filtering.kernels import step, transition
+set_step.dispatcher(1.0, np.ones(16), 0, np.ones(400))
+compiled.watch_compiling(print)
+step.dispatcher(1.0, (1.0, 0.0, 0.1, 0.0, 0.0), 1.0, 9.0, (0.0, 0.0, 1.0, 0.0, 0.0), 0, None)
 steps = np.geomspace(1e-3, 1.0, 5000).tolist()
 assert [transition.dispatcher(dt, 3.0, 7.0) for dt in steps] == [transition.py_func(dt, 3.0, 7.0) for dt in steps]
 """
+"""Compiles `transition` for a loop with fast-math flags, then looks at others."""
 
 
 @pytest.mark.slow
-def test_a_loop_gives_the_same_bits_whichever_loop_it_was_compiled_for(tmp_path):
+def test_a_loop_compiled_for_another_one_gives_the_same_bits_and_only_what_the_cache_lacks_is_compiled(tmp_path):
     env = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
-    subprocess.run([sys.executable, "-c", CALLED], env=env, check=True)
-
-
-WATCHING = """
-from kalscope.common import compiled
-from kalscope.filtering.kernels import step
-compiled.watch_compiling(print)
-step.dispatcher(1.0, (1.0, 0.0, 0.1, 0.0, 0.0), 1.0, 9.0, (0.0, 0.0, 1.0, 0.0, 0.0), 0, None)
-"""
-
-
-def test_only_what_the_cache_lacks_is_reported_as_compiled(tmp_path):
-    env = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
-    first, second = (
-        subprocess.run([sys.executable, "-c", WATCHING], env=env, check=True, capture_output=True, text=True).stdout
-        for _ in range(2)
-    )
+    first, second = (subprocess.check_output([sys.executable, "-c", CALLED], env=env, text=True) for _ in range(2))
     beginning = "compiling for this computer, only at the first start: "
     assert first.splitlines() == [f"{beginning}0 done", f"{beginning}1 done"]
     assert second == ""
