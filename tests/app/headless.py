@@ -45,6 +45,10 @@ class Headless(logging.Handler):
     def state(self) -> State:
         return self.dashboard.session._state
 
+    @property
+    def palette(self) -> list[viser.CommandHandle]:
+        return [*self.dashboard._server.gui._command_handle_from_uuid.values()]
+
     def request(self, change: Change) -> None:
         """Change the state."""
         self.dashboard.session.request(change)

@@ -2,27 +2,18 @@
 
 from __future__ import annotations
 
-import numpy as np
 import pytest
 from tests.app.headless import headless
+from tests.app.recordings import walk
 from tests.support.effort import FUZZ
 
-from kalscope import Recording, open_source
+from kalscope import open_source
 from kalscope_app.session.changes import pin_present
 from kalscope_app.session.opening import opened
 
-RNG = np.random.default_rng(36)
-STEPS = np.arange(200.0)
-WALK = np.cumsum(RNG.normal(size=(200, 1)), axis=0)
-
 RECORDINGS = {
-    "demo": lambda: open_source("demo"),
-    "three channels": lambda: Recording(
-        0.01 * STEPS, ("a", "b", "c"), ("V", "V", "V"), WALK + RNG.normal(size=(200, 3)), 0.01, source="three"
-    ),
-    "constant with missing samples": lambda: Recording(
-        STEPS, ("z",), ("",), np.where(RNG.random((200, 1)) < 0.3, np.nan, 3.7), None, source="constant"
-    ),
+    "three channels": lambda: open_source("synthetic:random_walk?n=200&channels=3&seed=36"),
+    "constant with missing samples": lambda: walk(200, ("z",), "", None, scale=0.0, missing=0.3),
 }
 
 FEWER = {
@@ -46,8 +37,7 @@ def each_after_each(many):
 def test_no_command_fails_after_another(name, tmp_path):
     state = opened(RECORDINGS[name]())
     with headless(state, tmp_path) as (bench, client):
-        palette = bench.dashboard._server.gui._command_handle_from_uuid.values()
-        commands = [one for one in palette if FUZZ > 1 or one.label in FEWER]
+        commands = [one for one in bench.palette if FUZZ > 1 or one.label in FEWER]
         assert len(commands) >= (45 if FUZZ > 1 else len(FEWER))
         before = previous = None
         for at in each_after_each(len(commands)):
@@ -67,7 +57,7 @@ def test_a_command_in_a_hidden_folder_is_not_offered_and_every_control_has_a_sho
         assert len(hints) > 40
         wrong = [label for label, hint in hints.items() if not 0 < len(hint) <= 130 or "{" in hint or label == hint]
         assert wrong == []
-        palette = {one.label: one for one in bench.dashboard._server.gui._command_handle_from_uuid.values()}
+        palette = {one.label: one for one in bench.palette}
         hidden = [palette[name] for name in ("Use", "Delete", "Back to the Kalman filter", "Send q, r and p0")]
         assert all(one.disabled for one in hidden)
         assert not any(palette[name].disabled for name in ("Pin", "Fuse", "Dark theme", "Preview code"))

@@ -1,18 +1,22 @@
-"""The real program from outside: its link, its log, its errors and its end."""
+"""The real program from outside: its link, its log, its errors, what it refuses to open, and its end."""
 
 from __future__ import annotations
 
 import os
 import signal
+import socket
 import stat
 from pathlib import Path
 
 import pytest
 from tests.app.attack_table import UPGRADE, exchange, status
 from tests.app.wire import Guest
-from tests.support.program import end, free_port, is_free, labels, port_of, running, start, token_of
+from tests.support.program import end, free_port, is_free, labels, link_of, port_of, running, start, token_of
+from tests.support.required import needs
 from tests.support.waiting import PATIENCE, wait_until
 
+from kalscope.cli.app import run
+from kalscope_app.main import add_dashboard
 from kalscope_app.session.session import Failed
 from kalscope_app.views.window import MAP_POINTED
 
@@ -23,16 +27,13 @@ posix = pytest.mark.skipif(os.name != "posix", reason="signals and modes as POSI
 
 @posix
 def test_a_restart_on_the_same_port_keeps_the_link_until_a_new_one_is_asked_for(tmp_path):
-    port = str(free_port())
-    links = []
+    port, links = str(free_port()), []
     for options in ((), (), ("--new-link",)):
         with running(tmp_path, "--port", port, *options) as (program, url):
             links.append(url)
             assert end(program)[0] == 0
     assert links[0] == links[1] != links[2]
-    file = tmp_path / "state" / "kalscope" / f"token-{port}"
-    assert file.read_text() == token_of(links[2])
-    assert stat.S_IMODE(file.stat().st_mode) == 0o600
+    assert (tmp_path / "state" / "kalscope" / f"token-{port}").read_text() == token_of(links[2])
 
 
 @posix
@@ -86,9 +87,8 @@ def test_the_log_tells_who_was_refused_and_never_the_token(tmp_path):
         assert status(exchange(port, f"GET /?token={token} HTTP/1.1\r\nHost: evil.example\r\n\r\n")) == "403"
         assert status(exchange(port, f"GET /{token} HTTP/1.1\r\nHost: localhost:{port}\r\n\r\n")) == "403"
         code, _, err = end(program)
-    text = (tmp_path / "kalscope.log").read_text()
     assert code == 0
-    for said in (text, err):
+    for said in ((tmp_path / "kalscope.log").read_text(), err):
         assert "Kalscope is not known under this address" in said
         assert token not in said
 
@@ -123,10 +123,7 @@ def test_an_uncaught_error_is_shown_and_logged_and_the_dashboard_goes_on(tmp_pat
             for button, said in BUTTONS.items():
                 guest.set(guest.find(button), True)
                 guest.read_until(lambda said=said: said in "".join(guest.notices))
-            transfer = {"source_component_uuid": guest.find("Upload a file …"), "transfer_uuid": "t"}
-            size = {"part_count": 1, "size_bytes": 1}
-            guest.send("FileTransferStartUpload", **transfer, **size, filename="x.csv", mime_type="text/csv")
-            guest.send("FileTransferPart", **transfer, part_index=0, content=b"1")
+            guest.upload("x.csv", b"1")
             guest.read_until(lambda: "no such upload" in "".join(guest.notices))
             guest.set(guest.find(MAP_POINTED), (0.5, 0.5, -1.0))
             guest.read_until(lambda: "no such point" in "".join(guest.notices))
@@ -147,7 +144,7 @@ def test_an_uncaught_error_is_shown_and_logged_and_the_dashboard_goes_on(tmp_pat
 
 @posix
 def test_with_a_client_and_a_job_the_end_leaves_nothing_behind(tmp_path):
-    """By Ctrl+C; all three signals are in test_board_end.py."""
+    """By Ctrl+C; all three signals are in test_stopping.py."""
     with running(tmp_path) as (program, url):
         port = port_of(url)
         with Guest(port, token_of(url)) as guest:
@@ -194,3 +191,52 @@ def test_a_terminal_that_has_gone_is_no_error(tmp_path):
         program.stderr.close()
         program.send_signal(signal.SIGHUP)
         assert program.wait(timeout=PATIENCE) == 0
+
+
+# --- what cannot be opened ------------------------------------------------------------------------------
+
+
+add_dashboard()
+
+
+def test_nothing_is_said_at_the_end_after_a_library_counts_what_it_leaves(tmp_path):
+    """DuckDB prints a list of its own objects that are left when Python ends; a forked program does not end so."""
+    needs("duckdb")
+    import duckdb
+
+    file = tmp_path / "log.parquet"
+    duckdb.execute(f"COPY (SELECT i * 0.1 AS t, sin(i) AS x FROM range(25) r(i)) TO '{file}' (FORMAT parquet)")
+    with start(tmp_path, "tune", "log.parquet", source=None, fresh=True) as program:
+        out, err = program.communicate(timeout=PATIENCE)
+    assert (program.returncode, err) == (0, "")
+    assert out.startswith("log.parquet: 25 rows, 1 channel")
+
+
+REFUSED = [
+    *(("open nowhere.csv", "nowhere.csv"), ("open sample:nothing", "nothing"), ("opne", "opne")),
+    *(("open --config not.toml", "not.toml"), ("open serial:/dev/ttyACM0@fast", "baud rate must")),
+    *(("open demo --port 99999", "port must"), ("open demo --host 0.0.0.0 --no-browser", "--allow-host")),
+    ("open demo --host no.such.host.invalid", "cannot be used on this machine"),
+    *(("open demo --no-such-option", "--no-such-option"), ("open demo --channel w", "channel must be one of")),
+    *(("open demo --q much", "q must be a number"), ("open demo --x0 3", "x0 needs p0")),
+]
+
+
+@pytest.mark.slow
+def test_what_cannot_be_opened_is_refused_in_one_line(tmp_path, monkeypatch, capsys):
+    (tmp_path / "not.toml").write_text("q = [")
+    monkeypatch.chdir(tmp_path)
+    for line, message in REFUSED:
+        assert run(line.split()) == 2
+        out, err = capsys.readouterr()
+        assert (out, err.startswith("kalscope: "), err.count("\n")) == ("", True, 1)
+        assert message in err
+
+
+def test_without_a_command_the_demo_opens(tmp_path):
+    with socket.socket() as probe:
+        if probe.connect_ex(("127.0.0.1", 8080)) == 0:
+            pytest.skip("another program listens on port 8080")
+    with start(tmp_path, source=None, env={"BROWSER": "true"}) as program:
+        assert link_of(program).startswith("http://127.0.0.1:8080/?token=")
+        assert end(program)[0] == 0

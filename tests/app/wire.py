@@ -13,17 +13,8 @@ from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection, connect
 from websockets.sync.connection import Connection
 
-CAMERA = {
-    "wxyz": (1.0, 0.0, 0.0, 0.0),
-    "position": (1.0, 1.0, 1.0),
-    "fov": 1.0,
-    "near": 0.1,
-    "far": 10.0,
-    "image_height": 10,
-    "image_width": 10,
-    "look_at": (0.0, 0.0, 0.0),
-    "up_direction": (0.0, 0.0, 1.0),
-}
+CAMERA = {"wxyz": (1.0, 0.0, 0.0, 0.0), "position": (1.0, 1.0, 1.0), "look_at": (0.0, 0.0, 0.0), "fov": 1.0}
+CAMERA |= {"near": 0.1, "far": 10.0, "image_height": 10, "image_width": 10, "up_direction": (0.0, 0.0, 1.0)}
 """The message by which a browser says that it is there."""
 
 
@@ -80,8 +71,6 @@ class Guest:
         """Names of the nodes of the scene."""
         self.commands: dict[str, str] = {}
         """Labels of the commands of the palette, by uuid."""
-        self.visible: dict[str, bool] = {}
-        """Whether each widget that was shown or hidden since is on screen."""
         self.options: dict[str, Any] = {}
         """The present choices of each menu."""
         self.notices: list[str] = []
@@ -95,6 +84,13 @@ class Guest:
         """Move a widget: this screen shows it at once."""
         self.values[uuid] = value
         self.send("GuiUpdateMessage", uuid=uuid, updates={"value": value})
+
+    def upload(self, name: str, content: bytes) -> None:
+        """Send a file by the button of the Source tab."""
+        transfer = {"source_component_uuid": self.find("Upload a file …"), "transfer_uuid": name}
+        size = {"part_count": 1, "size_bytes": len(content), "mime_type": "text/csv"}
+        self.send("FileTransferStartUpload", **transfer, **size, filename=name)
+        self.send("FileTransferPart", **transfer, part_index=0, content=content)
 
     def read(self, timeout: float = PATIENCE) -> bool:
         """Take in one frame; False if none came in time."""
@@ -123,8 +119,6 @@ class Guest:
                 self.values[uuid] = message["updates"]["value"]
             if "props" in self.widgets.get(uuid, {}):  # of a job that has ended since, too
                 self.widgets[uuid]["props"].update(message["updates"])
-            if "visible" in message["updates"]:
-                self.visible[uuid] = message["updates"]["visible"]
             if "options" in message["updates"]:
                 self.options[uuid] = message["updates"]["options"]
         elif message["type"] == "RegisterCommandMessage":
@@ -143,12 +137,10 @@ class Guest:
 
     def find(self, label: str) -> str:
         """The uuid of the widget with this label."""
-        for uuid, made in self.widgets.items():
-            if made.get("props", {}).get("label") == label:
-                return uuid
-        raise LookupError(
-            f"no widget {label!r} among {[m.get('props', {}).get('label') for m in self.widgets.values()]}"
-        )
+        labels = {made.get("props", {}).get("label"): uuid for uuid, made in reversed(self.widgets.items())}
+        if label not in labels:
+            raise LookupError(f"no widget {label!r} among {list(labels)}")
+        return labels[label]
 
     def __enter__(self) -> Guest:
         return self

@@ -60,6 +60,12 @@ def wait_for_rows(guest, *numbers):
     guest.read_until(lambda: any(map(wanted.search, guest.markdown.values())))
 
 
+def open_file(guest, name, *rows):
+    guest.set(guest.find("path"), name)
+    guest.set(guest.find("Open this path"), True)
+    wait_for_rows(guest, *rows)
+
+
 def test_files_that_are_named_like_markup_are_shown_as_text(shared, guest):
     folder, _ = shared
     for rows, name in zip(range(50, 900, 10), MARKUP, strict=False):
@@ -67,9 +73,7 @@ def test_files_that_are_named_like_markup_are_shown_as_text(shared, guest):
         head = f'time,"{name.replace(chr(34), "")}",plain\n'
         bad = f"bad {name},1\n"
         file.write_text(head + "".join(f"{i},{i % 7},{i % 3}\n" for i in range(rows)) + bad, "utf-8")
-        guest.set(guest.find("path"), file.name)
-        guest.set(guest.find("Open this path"), True)
-        wait_for_rows(guest, rows, rows + 1)  # the bad line counts where it splits well
+        open_file(guest, file.name, rows, rows + 1)  # the bad line counts where it splits well
 
 
 def test_columns_and_units_that_are_markup_are_text_in_every_tab(shared, guest):
@@ -78,9 +82,7 @@ def test_columns_and_units_that_are_markup_are_text_in_every_tab(shared, guest):
     head = ",".join(f'"{name} [{name[:20].strip("[]()")}]"' for name in names)
     cells = "\n".join(",".join(str((i * k) % 11) for k in range(1, len(names) + 1)) for i in range(77))
     (folder / "columns.csv").write_text(f"{head}\n{cells}\n", "utf-8")
-    guest.set(guest.find("path"), "columns.csv")
-    guest.set(guest.find("Open this path"), True)
-    wait_for_rows(guest, 77)
+    open_file(guest, "columns.csv", 77)
     guest.set(next(uuid for uuid, options in guest.options.items() if "Pin" in options), "Pin")
     for name in guest.widgets[guest.find("channel")]["props"]["options"][:2]:
         guest.set(guest.find("channel"), name)
@@ -117,14 +119,9 @@ UPLOADS += "a" * 300 + ".csv", "", ".", "..", *MARKUP[:4]
 def test_an_upload_may_have_any_name_and_stays_in_its_own_folder(shared, guest):
     folder, _ = shared
     before = files_around(folder.parent)
-    button = guest.find("Upload a file …")
     for i, name in enumerate(UPLOADS):
         rows = 1060 + i
-        content = b"t,z\n" + b"".join(b"%d,%d\n" % (n, n % 5) for n in range(rows))
-        transfer = {"source_component_uuid": button, "transfer_uuid": f"t{i}"}
-        size = {"part_count": 1, "size_bytes": len(content)}
-        guest.send("FileTransferStartUpload", **transfer, **size, filename=name, mime_type="text/csv")
-        guest.send("FileTransferPart", **transfer, part_index=0, content=content)
+        guest.upload(name, b"t,z\n" + b"".join(b"%d,%d\n" % (n, n % 5) for n in range(rows)))
         wait_for_rows(guest, count(rows))
     assert files_around(folder.parent) == before
 

@@ -74,9 +74,8 @@ def test_the_job_fits_the_ticked_sensors_by_a_reference_and_can_be_cancelled(vie
     single = opened(greenhouse(n=200))
     session = view._session = Session(single)
     view._search(single, ("bench", "roof"), "roof")
-    fusion = session.apply_requests()[0].fusion
-    assert fusion.tuning.sensors == ("bench", "roof")
-    assert fusion.tuning.offset[1] == 0.0
+    found = session.apply_requests()[0].fusion.tuning
+    assert (found.sensors, found.offset[1]) == (("bench", "roof"), 0.0)
     monkeypatch.setattr(SlowJob, "__enter__", lambda _: Progress(cancelled=lambda: True))
     with pytest.raises(Cancelled):
         view._search(single, ("bench", "roof"), None)
@@ -109,8 +108,7 @@ def test_code_and_csv_are_those_of_the_fused_sensors(state):
     assert "humidity" not in "".join(files.values()) + limits_text(without)
     head, first = csv(without).decode().splitlines()[:2]
     assert head == "time,bench,door,fused,fused_variance"
-    x = fuse(without.recording.values[:, [0, 2]], without.fusion.used.params).x
-    assert float(first.split(",")[3]) == x[0]
+    assert float(first.split(",")[3]) == fuse(without.readings, without.fusion.used.params).x[0]
 
 
 def test_what_belongs_to_one_channel_is_refused_in_words_and_not_called_current(state):

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
 import re
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -12,6 +14,7 @@ from hypothesis import strategies as st
 from kalscope import open_source
 from kalscope_app.engine.frame import compute_frame
 from kalscope_app.session.opening import opened
+from kalscope_app.views.charts import drawable, range_text, scale_for, time_scale_for
 from kalscope_app.views.tune import on_decades
 from kalscope_app.views.widgets import escape_markdown, typed
 from kalscope_app.views.window import figures, record_line
@@ -52,3 +55,55 @@ def test_the_header_names_the_recording_its_rate_the_lag_and_the_noise():
     unknown = replace(demo, sample_period=None)
     assert record_line(unknown).endswith("sample rate unknown")
     assert said(unknown).startswith("**0.618 samples** lag")
+
+
+# --- what may reach uPlot: it goes blank on NaN in front, on inf and on empty arrays --------------------
+
+
+NAN, INF = math.nan, math.inf
+
+
+@pytest.mark.parametrize(
+    ("x", "y", "drawn"),
+    [
+        ([0, 1, 2], [NAN, 2, 3], [2, 2, 3]),
+        ([0, 1, 2], [1, NAN, 3], [1, 1, 3]),
+        ([0, 1, 2], [1, 2, NAN], [1, 2, 2]),
+        ([0, 1, 2], [INF, 2, -INF], [2, 2, 2]),
+        ([0, 1, 2], [NAN, NAN, NAN], [0, 0, 0]),
+        ([], [], [0, 0]),
+        ([5], [7], [7, 7]),
+    ],
+)
+def test_every_y_becomes_finite_and_every_record_a_line(x, y, drawn):
+    places, seen = drawable(np.array(x, dtype=float), [np.array(y, dtype=float)])
+    assert seen.tolist() == drawn
+    assert places.tolist() == {0: [0, 1], 1: [5, 6]}.get(len(x), x)
+
+
+def test_small_and_large_signals_and_spans_are_brought_to_readable_numbers():
+    for largest, unit, factor, shown in (
+        *((3.3, "V", 1.0, "V"), (0.012, "V", 1e3, "mV"), (0.3, "V", 1e3, "mV"), (2e5, "Pa", 1e-3, "kPa")),
+        *((2e-6, "counts", 1e6, "1e-6 counts"), (5e-5, "", 1e6, "1e-6"), (0.04, "", 1e3, "1e-3")),
+        *((0.0, "V", 1.0, "V"), (1e-300, "V", 1e300, "1e-300 V"), (1023.0, "counts", 1.0, "counts")),
+    ):
+        scale = scale_for(np.array([0.0, -largest, NAN]), unit)
+        assert (scale.factor, scale.unit) == (pytest.approx(factor), shown)
+    for span, period, unit in (
+        *((0.5, 1e-3, "s"), (0.03, 1e-3, "ms"), (300.0, 0.01, "min"), (86400.0, 60.0, "h")),
+        *((3e9, 3e7, "years"), (1e-9, 1e-12, "ms"), (100.0, None, "samples")),
+    ):
+        assert time_scale_for(span, period).unit == unit
+
+
+@pytest.mark.parametrize(
+    ("first", "last", "text"),
+    [
+        *((-0.000446, 4.5501, "0 to 4.55"), (0.007, 4.9851, "0.007 to 4.99"), (0.0, 35.6123, "0 to 35.6")),
+        *((22.2221, 22.2263, "22.2221 to 22.2263"), (0.0, 0.0390625, "0 to 0.0391"), (5.0, 5.0, "5 to 5")),
+        (1_234_567.0, 1_234_568.0, "1.234567e6 to 1.234568e6"),
+        *((0.0, 1e-310, "0 to 1e-310"), (-1.7e308, 1.7e308, "−1.7e308 to 1.7e308")),
+    ],
+)
+def test_the_ends_of_the_view_are_told_apart_and_no_longer_than_that(first, last, text):
+    assert range_text(first, last) == text
