@@ -34,7 +34,6 @@ from kalscope_app.views.export import CodeView, CommandLineView, add_downloads, 
 from kalscope_app.views.fleet import FleetTab
 from kalscope_app.views.fusion import FusionView
 from kalscope_app.views.goal import MORE_FOLDER, CostsView, GoalView
-from kalscope_app.views.help import FirstSteps, add_help
 from kalscope_app.views.live import LiveView
 from kalscope_app.views.map import TuningMapView
 from kalscope_app.views.phone import PhonePictures
@@ -42,7 +41,16 @@ from kalscope_app.views.signal import SignalView, WindowView
 from kalscope_app.views.source import QuestionView, SourceView
 from kalscope_app.views.tune import ChainView, MoreView, ParametersView, StepsView
 from kalscope_app.views.variants import VariantsView
-from kalscope_app.views.window import Commands, GuardedViews, HeaderView, Notifications, Panels, ViewTab
+from kalscope_app.views.window import (
+    Commands,
+    FirstSteps,
+    GuardedViews,
+    HeaderView,
+    Notifications,
+    Panels,
+    ViewTab,
+    add_help,
+)
 from kalscope_app.worker.worker import Worker
 
 log = logging.getLogger(__name__)

@@ -178,7 +178,9 @@ def test_two_speeds_are_advised_for_steps_only_and_filter_as_saved(folder, capsy
     (folder / "steps.csv").write_text("time,level\n" + "".join(rows))
     assert "Next, with --two-speeds: the signal rests and moves" in page(capsys, "steps.csv")
     text = page(capsys, "steps.csv", "--two-speeds", "-o", "steps.toml")
-    assert re.search(r"at rest lag .* s \(.* samples\), noise −.* dB; moving lag .*, noise −.* dB", text)
+    assert re.search(
+        r"(?s)at rest lag .* s \(.* samples\), noise left .* dB.; moving lag .*, noise left .* dB.", text
+    )
     assert "Two speeds explain this record clearly better than one." in text
     (one,) = load_tuning("steps.toml").channels
     assert one.fast > 100.0

@@ -48,7 +48,7 @@ def test_no_line_is_found_without_one():
     [
         (0.25, 0.005, "hum at 50.0 Hz is "),
         (0.2, 0.016, "hum at 12.5 Hz, as 50 Hz appears at 62.5 samples a second, is "),
-        (0.13, 0.005, "a narrow line at 26.0 Hz is "),
+        (0.13, 0.005, "the narrow line at 26.0 Hz is "),
         (0.1, 0.5, None),
         (0.1, None, None),
     ],
@@ -57,7 +57,7 @@ def test_advice_says_what_the_line_is_an_alias_of_and_leaves_movement_alone(cycl
     line = find_line(record(cycles) + 0.01 * np.arange(4000))
     text = line.advice(period)
     assert text.startswith(advice.replace("second, is", "second is")) if advice else text == ""
-    assert ("unless it is what you measure" in text) == bool(advice and advice.startswith("a narrow"))
+    assert ("unless it is what you measure" in text) == bool(advice and advice.startswith("the narrow"))
 
 
 def test_q_and_r_are_found_behind_the_notch_as_without_the_hum():

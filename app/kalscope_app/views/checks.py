@@ -119,7 +119,7 @@ def _scale_words(q: float, r: float) -> str:
 # Does the filter fit? One coloured word above the tabs; a click shows or hides why, and what to do about it.
 
 
-UNJUDGED = "Nothing to judge: no Kalman filter of one channel runs here, or its q and r are still to be found."
+UNJUDGED = "Not judged: the tests are for one Kalman filter. A chain of filters is no model of the signal."
 
 COLOURS = {"good": (0, 122, 90), "note": (150, 82, 0), "bad": (196, 46, 22)}
 """Of the word, by tone; the page lightens them for the dark theme."""

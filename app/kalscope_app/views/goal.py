@@ -10,7 +10,16 @@ from typing import Any
 import numpy as np
 import viser
 
-from kalscope.common.text import TIME_UNITS, decibels, gate_text, lag_text, number, percent, typed_number
+from kalscope.common.text import (
+    TIME_UNITS,
+    decibels,
+    gate_text,
+    lag_text,
+    number,
+    percent,
+    share_left,
+    typed_number,
+)
 from kalscope.errors import BadSetting
 from kalscope.estimation.request import MIN_LAG, Noise, Request, find_parameters, proposed_lag
 from kalscope.estimation.settings import SETTINGS, Cost
@@ -22,7 +31,7 @@ from kalscope_app.session.changes import apply_found, momentum_words, set_search
 from kalscope_app.session.session import Failed, Session
 from kalscope_app.session.state import Outcome, State
 from kalscope_app.views.charts import Chart, dots, line, palette_of, time_scale_for
-from kalscope_app.views.widgets import SlowJob, bind, noise_left, offer, on_user, put, table_of, typed
+from kalscope_app.views.widgets import SlowJob, bind, offer, on_user, put, table_of, typed
 from kalscope_app.views.window import LAG_NUMBER, PRIMARY
 
 # The ways to find q and r that the dashboard offers: what each asks the user for, and the search it requests.
@@ -196,10 +205,10 @@ def answer_text(state: State) -> str:
     period = state.recording.sample_period
     before, after = steady_state(outcome.before.params), steady_state(outcome.after.params)
     lag, lag_before = (_glued(lag_text(one.lag_samples, period)) for one in (after, before))
-    left, left_before = (_glued(noise_left(one.noise_reduction_db)) for one in (after, before))
+    left, left_before = (_glued(share_left(one.noise_reduction_db)) for one in (after, before))
     if outcome.after.fast is not None:
         moving = steady_state(outcome.after.params.moving)
-        lag_moving, left_moving = lag_text(moving.lag_samples, period), noise_left(moving.noise_reduction_db)
+        lag_moving, left_moving = lag_text(moving.lag_samples, period), share_left(moving.noise_reduction_db)
         return (
             f"Two speeds. At rest: lag **{lag}**, leaves **{left} of the noise**. Moving: lag "
             f"**{_glued(lag_moving)}**, leaves **{_glued(left_moving)}**. Before: {lag_before}, {left_before}."
@@ -343,7 +352,7 @@ class CostsView:
     def show(self, frame: Frame) -> None:
         """Draw the curves, where there are any for the filter on screen."""
         state, costs = frame.state, costs_of(frame.state)
-        is_shown = bool(costs) and state.uses_parameters and state.fusion is None
+        is_shown = bool(costs) and state.is_standard
         put(self._text, content=COSTS.format(_of_what(state.tuning)), visible=is_shown)
         if not is_shown:
             self._chart.hide()

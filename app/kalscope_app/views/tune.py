@@ -6,7 +6,7 @@ import math
 
 import viser
 
-from kalscope.common.text import decibels, frequency, gate_digits, lag_in_full, number, percent, plural
+from kalscope.common.text import frequency, gate_digits, lag_in_full, noise_left, number, percent, plural
 from kalscope.filtering.classic import OneEuro
 from kalscope.filtering.params import MAX_FAST
 from kalscope.filtering.steady import steady_state
@@ -216,13 +216,13 @@ def table(frame: Frame) -> str:
     period, used = state.recording.sample_period, state.uses_parameters
     rows = {
         "lag (delay)": _time_in_bold(steady.lag_samples, period),
-        "noise reduction": f"**{decibels(steady.noise_reduction_db)}**",
+        "noise left": f"**{noise_left(steady.noise_reduction_db)}**",
     }
     if used and state.tuning.fast is not None:
         moving = steady_state(params.moving, period)
         rows = {f"{name}, at rest": value for name, value in rows.items()}
         rows["lag (delay), moving"] = _time_in_bold(moving.lag_samples, period)
-        rows["noise reduction, moving"] = f"**{decibels(moving.noise_reduction_db)}**"
+        rows["noise left, moving"] = f"**{noise_left(moving.noise_reduction_db)}**"
         rows["spikes"] = f"**{percent(state.tuning.spikes)}**"
     if state.tuning.momentum > 0.0 and used:
         rows["overshoot (step)"] = f"**{percent(steady.overshoot)}**"

@@ -6,7 +6,7 @@ from contextlib import AbstractContextManager
 
 import viser
 
-from kalscope.common.text import correlation, decibels, lag_text, number, percent
+from kalscope.common.text import correlation, lag_text, noise_left, number, percent
 from kalscope_app.engine.frame import Frame
 from kalscope_app.session.changes import delete_variant, momentum_words, use_variant
 from kalscope_app.session.session import Session
@@ -92,7 +92,7 @@ def _cells(table: VariantComparison, row: VariantRow) -> dict[str, str]:
         "r": number(tuning.r) if used else "",
         "τ": momentum_words(tuning.momentum, period) if used and tuning.momentum else "",
         "lag": lag_text(steady.lag_samples, period),
-        "noise": decibels(-steady.noise_reduction_db),
+        "noise left": noise_left(steady.noise_reduction_db),
         "over\u00adshoot": percent(steady.overshoot) if steady.overshoot else "",
         f"RMSE {unit}".strip(): "" if measures.rmse is None else number(measures.rmse, 4),
         "NIS": "" if fit is None else number(fit.diagnostics.nis),

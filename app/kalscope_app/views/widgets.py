@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 import viser
 
 from kalscope.common.progress import Progress
-from kalscope.common.text import percent, squared
+from kalscope.common.text import squared
 from kalscope_app.engine.frame import Frame
 from kalscope_app.guard.viser_private import set_ends
 from kalscope_app.session.changes import set_text
@@ -33,11 +33,6 @@ def escape_markdown(text: str, limit: int = 60) -> str:
 def capitalised(words: str) -> str:
     """Words with a capital first letter, as at the beginning of a sentence."""
     return f"{words[:1].upper()}{words[1:]}"
-
-
-def noise_left(reduction_db: float) -> str:
-    """The size of the noise that is left, as a share of its standard deviation: 22 %."""
-    return percent(10.0 ** (-reduction_db / 20.0))
 
 
 MAX_UNBROKEN = 13

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import logging
 from collections.abc import Callable, Iterable, Iterator
+from functools import partial
 from importlib.resources import files
 from pathlib import Path
 from typing import Any, Literal, cast
@@ -14,16 +15,18 @@ import numpy as np
 import viser
 
 from kalscope.common.compiled import Compiling
-from kalscope.common.text import decibels, lag_text
+from kalscope.common.text import decibels, lag_text, share_left
 from kalscope.filtering.steady import steady_state
 from kalscope.recording import Recording
 from kalscope.sources.reading.axis import jitter_of, rate_words
 from kalscope_app.engine.frame import Frame
+from kalscope_app.engine.jobs import Jobs
 from kalscope_app.guard.viser_private import commands_of, is_on_screen, press, widgets_of
 from kalscope_app.program.log import sentence_for
+from kalscope_app.program.user_settings import UserSettings
 from kalscope_app.session.changes import select_channel, set_dark, set_smoother, set_velocity
 from kalscope_app.session.session import Failed, Session
-from kalscope_app.views.widgets import bind, capitalised, escape_markdown, noise_left, offer, put
+from kalscope_app.views.widgets import add_button, bind, capitalised, escape_markdown, offer, put, table_of
 
 # A few rules of style that viser leaves to the browser: legible tables, and space between paragraphs.
 #
@@ -431,6 +434,62 @@ class ViewTab:
         self._dark.value, self._smoother.value, self._velocity.value = view.dark, view.smoother, view.velocity
 
 
+# The first steps: three sentences above the goal, which cover nothing.
+
+
+FIRST_STEPS = (
+    "**First steps.** Grey is the raw signal, orange the filtered one: less noise, but late.\n\n"
+    "1. Enter the largest lag that you can accept and press **Apply**: of all filters within that lag you get "
+    "the one that leaves the least noise.\n"
+    "2. Adjust it: a larger **q** follows faster, a larger **r** smooths more; Ctrl+Z undoes.\n"
+    "3. **Source** opens your file or a live board. **Export** writes the code."
+)
+
+
+class FirstSteps:
+    """They stand there until they are put away, and again when asked."""
+
+    def __init__(self, gui: viser.GuiApi, settings: UserSettings, jobs: Jobs) -> None:
+        self._text = gui.add_markdown(FIRST_STEPS)
+
+        def put_away(_client: viser.ClientHandle) -> None:
+            self.show(visible=False)
+            jobs.run(partial(settings.keep, tour_seen=True))
+
+        self._done = add_button(gui, "Got it", "The Help tab shows them again.", put_away)
+        self.show(visible=not settings.has("tour_seen"))
+
+    def show(self, *, visible: bool = True) -> None:
+        """Show or hide them."""
+        self._text.visible = self._done.visible = visible
+
+
+# The Help tab: keys and mouse on one card, and the first steps again.
+
+
+KEYS = {
+    "drag across a chart": "zoom in",
+    "double-click a chart": "zoom out",
+    "click a line's name": "hide or show it",
+    "← → on a slider": "one step, 2.3 %",
+    "Home, End on a slider": "minimum, maximum",
+    "number, Enter": "exact value, such as 1e‑9",
+    "Ctrl+Z": "undo",
+    "Ctrl+Shift+Z, Ctrl+Y": "redo",
+    "Ctrl+K": "every goal and button by its name",
+    "drag a panel's edge": "make it wider",
+}
+"""Keys and mouse actions, and what they do."""
+
+
+def add_help(gui: viser.GuiApi, steps: FirstSteps) -> None:
+    """The Help tab: a card and a button."""
+    rows = [{"keys and mouse": what, "what it does": does} for what, does in KEYS.items()]
+    gui.add_markdown(f"{table_of(rows)}\n\nOn a Mac: Cmd for Ctrl.")
+    add_button(gui, STEPS_BUTTON, "In the Tune tab, above the goal.", lambda _client: steps.show())
+    gui.add_markdown("Point at a control to read what it does.")
+
+
 # The header above the tabs: what is open, its channel and rate, and what the filter costs and gives.
 
 
@@ -467,13 +526,13 @@ def record_line(recording: Recording) -> str:
 def figures(frame: Frame) -> str:
     """The lag and what is left of the noise, as two large figures; first the filter, where it is another one."""
     steady, chain = frame.steady, frame.state.tuning.chain
-    left, level = noise_left(steady.noise_reduction_db), decibels(-steady.noise_reduction_db)
+    left, level = share_left(steady.noise_reduction_db), decibels(-steady.noise_reduction_db)
     name = "" if chain is None else f"**{capitalised(chain.words)}**  \n"
     lag = lag_text(steady.lag_samples, period := frame.state.recording.sample_period)
     params = frame.state.params
     if params.fast is not None and frame.state.uses_parameters:
         moving, both = steady_state(params.moving), ", at rest → moving"
         lags = f"{lag} → {lag_text(moving.lag_samples, period)}"
-        noises = f"{left} → {noise_left(moving.noise_reduction_db)}"
+        noises = f"{left} → {share_left(moving.noise_reduction_db)}"
         return f"{FIGURE}**{lags}** lag{both}</span> {FIGURE}**{noises}** noise left{both}</span>"
     return f"{name}{FIGURE}**{lag}** lag</span> {FIGURE}**{left}** noise left ({level})</span>"

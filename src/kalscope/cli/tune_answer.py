@@ -32,12 +32,12 @@ from kalscope.common.numbers import Array
 from kalscope.common.progress import OnProgress, Progress
 from kalscope.common.text import (
     count,
-    decibels,
     duration,
     frequency,
     gate_text,
     lag_in_full,
     lag_text,
+    noise_left,
     number,
     percent,
     plural,
@@ -442,15 +442,15 @@ def _effect(answer: Answer) -> Iterator[str]:
         return
     lag = lag_in_full(steady.lag_samples, answer.sample_period).removesuffix(")")
     bracket = f"; {_allowed(answer)})" if "(" in lag else f" ({_allowed(answer)})"
-    noise = f"{decibels(-steady.noise_reduction_db)}{' of their mean' if answer.fuses else ''}"
+    left = f"noise left {noise_left(steady.noise_reduction_db)}{' of their mean' if answer.fuses else ''}"
     overshoot = f"overshoot {percent(steady.overshoot)}" if steady.overshoot else "no overshoot"
     if params is not None and params.fast is not None:
         moving = steady_state(params.moving, answer.sample_period)
         text = lag_text(moving.lag_samples, answer.sample_period)
-        yield f"at rest lag {lag}), noise {noise}; moving lag {text}, noise {decibels(-moving.noise_reduction_db)}"
+        yield f"at rest lag {lag}), {left}; moving lag {text}, noise left {noise_left(moving.noise_reduction_db)}"
         return
     lost = f", movement lost {percent(answer.result.lost)}" if answer.result.costs else ""
-    yield f"lag {lag}{bracket}, noise {noise}, {overshoot}{lost}"
+    yield f"lag {lag}{bracket}, {left}, {overshoot}{lost}"
 
 
 def _costs(answer: Answer) -> Iterator[str]:
@@ -602,7 +602,7 @@ def _meaning(answer: Answer) -> Iterator[str]:
         ("gain", number(steady.gain)),
         ("lag", lag_in_full(steady.lag_samples, period)),
         ("overshoot (step)", percent(steady.overshoot)),
-        ("noise reduction", decibels(steady.noise_reduction_db)),
+        ("noise left", noise_left(steady.noise_reduction_db)),
         ("cut-off (−3 dB)", "none: it attenuates no frequency by 3 dB" if math.isnan(hertz) else cutoff),
         ("settling to 1 %", lag_in_full(steady.settle_samples, period)),
     )

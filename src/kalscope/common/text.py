@@ -136,9 +136,14 @@ def decibels(value: float) -> str:
     return f"{number(round(value, 3))} dB"
 
 
+def share_left(reduction_db: float) -> str:
+    """What a filter leaves of white noise, as a share of its standard deviation: 22 %."""
+    return percent(10.0 ** (-0.05 * reduction_db))
+
+
 def noise_left(reduction_db: float) -> str:
-    """What a filter leaves of white noise, of its standard deviation and as a level: 22.4 % (−13.0 dB)."""
-    return f"{percent(10.0 ** (-0.05 * reduction_db))} ({decibels(-reduction_db)})"
+    """The same with its level: 22 % (−13.0 dB)."""
+    return f"{share_left(reduction_db)} ({decibels(-reduction_db)})"
 
 
 def frequency(hertz: float | None) -> str:

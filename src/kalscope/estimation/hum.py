@@ -71,7 +71,7 @@ class Line:
         if self.of_noise < WORTH or not (hum or (sample_period and self.frequency > LOWEST_HUM * sample_period)):
             return ""
         text = f"{self.words(sample_period)} is {percent(self.of_noise)} of the fast noise: a notch takes it out"
-        return f"hum at {text}" if hum else f"a narrow line at {text}, unless it is what you measure"
+        return f"hum at {text}" if hum else f"the narrow line at {text}, unless it is what you measure"
 
 
 def cycles_text(cycles: float, sample_period: float | None) -> str:

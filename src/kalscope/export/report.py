@@ -28,6 +28,7 @@ from kalscope.common.text import (
     frequency,
     lag_in_full,
     lag_text,
+    noise_left,
     number,
     percent,
     program,
@@ -84,7 +85,7 @@ def meaning(steady: SteadyState, result: FilterResult, period: float | None, err
     cutoff, likely = steady.cutoff_hz, f"{number(float(result.loglik), 6)} of {count(int(result.m))} samples"
     return _filled(
         ("lag", lag_in_full(steady.lag_samples, period)),
-        ("noise reduction", decibels(steady.noise_reduction_db)),
+        ("noise left", noise_left(steady.noise_reduction_db)),
         ("cut-off (−3 dB)", "" if cutoff is None or not math.isfinite(cutoff) else frequency(float(cutoff))),
         ("overshoot on a step", percent(steady.overshoot) if steady.velocity_gain else ""),
         ("gain K", "" if math.isnan(steady.p) else number(steady.gain)),
@@ -129,10 +130,10 @@ def pinned_settings(
         used = (number(one.q), number(one.r)) if chain is None or chain.then is None else ("–", "–")
         likely = "–" if chain else number(float(result.loglik), 6)
         last = likely if truth is None else number(rmse(result.x, truth))
-        lag, reduction = lag_text(steady.lag_samples, period), decibels(-steady.noise_reduction_db)
-        rows.append((label, *used, lag, reduction, last))
+        lag, left = lag_text(steady.lag_samples, period), noise_left(steady.noise_reduction_db)
+        rows.append((label, *used, lag, left, last))
     last = "log-likelihood" if truth is None else "RMSE"
-    return ReportTable("Pinned settings", tuple(rows), ("", "q", "r", "lag", "noise", last))
+    return ReportTable("Pinned settings", tuple(rows), ("", "q", "r", "lag", "noise left", last))
 
 
 def rmse(x: Array, truth: Array) -> float:

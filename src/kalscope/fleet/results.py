@@ -32,6 +32,7 @@ from kalscope.common.text import (
     escaped,
     lag_in_full,
     lag_text,
+    noise_left,
     number,
     percent,
     squared,
@@ -440,8 +441,9 @@ def _filter_lines(devices: Devices, shared: Shared) -> Iterator[str]:
     period, losses = devices.sample_period, shared.losses
     q, r = trimmed(shared.params.q, 4), trimmed(float(shared.params.r), 4)
     settled = steady_state(shared.params, period)
-    lag, noise = lag_in_full(settled.lag_samples, period), decibels(-settled.noise_reduction_db)
-    yield f"One filter for all: q = {q}, r = {r} {squared(devices.unit)}, lag {lag}, noise {noise} ({shared.how})"
+    lag, left = lag_in_full(settled.lag_samples, period), noise_left(settled.noise_reduction_db)
+    does = f"lag {lag}, noise left {left} ({shared.how})"
+    yield f"One filter for all: q = {q}, r = {r} {squared(devices.unit)}, {does}"
     if shared.judged:
         worst = _named(devices, shared.not_served, lambda i: _signed(percent(losses.error[i])))
         yield (

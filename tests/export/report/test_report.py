@@ -12,7 +12,7 @@ from tests.support.html_page import Page
 
 from kalscope import BadSetting, FilterParams, Recording, kalman_filter, load_tuning, steady_state
 from kalscope.cli.app import run
-from kalscope.common.text import decibels, frequency, lag_in_full, number, percent, trimmed
+from kalscope.common.text import frequency, lag_in_full, noise_left, number, percent, trimmed
 from kalscope.export.report import MAX_DRAWN_POINTS, as_html, make_report
 from kalscope.tuning.tuning import ChannelTuning, Tuning
 
@@ -45,7 +45,7 @@ def plain():
 def test_the_page_has_the_numbers_of_the_filter(plain):
     rec, page = plain
     text, steady = " ".join(Page(page).text), steady_state(FilterParams(0.0025, 1.0), 0.01)
-    numbers = number(steady.gain), lag_in_full(steady.lag_samples, 0.01), decibels(steady.noise_reduction_db)
+    numbers = number(steady.gain), lag_in_full(steady.lag_samples, 0.01), noise_left(steady.noise_reduction_db)
     numbers += (
         frequency(steady.cutoff_hz),
         number(kalman_filter(rec.channel("ax"), FilterParams(0.0025, 1.0)).loglik, 6),
@@ -102,7 +102,7 @@ def test_pinned_settings_stand_beside_the_present_one(knows_truth):
         error = np.sqrt(np.mean((result.x - truth[:, 0]) ** 2))
         last = number(error) if knows_truth else number(float(result.loglik), 6)
         assert row[1:3] == (number(one.q), number(one.r))
-        assert row[4:] == (decibels(-float(steady.noise_reduction_db)), last)
+        assert row[4:] == (noise_left(float(steady.noise_reduction_db)), last)
     assert table.columns[-1] == ("RMSE" if knows_truth else "log-likelihood")
     assert rows.get("RMSE to the truth") == (f"{table.rows[0][-1]} g" if knows_truth else None)
     assert not {"script", "img"} & set(Page(as_html(report)).tags)
