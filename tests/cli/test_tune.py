@@ -179,7 +179,7 @@ def test_two_speeds_are_advised_for_steps_only_and_filter_as_saved(folder, capsy
     assert "Next, with --two-speeds: the signal rests and moves" in page(capsys, "steps.csv")
     text = page(capsys, "steps.csv", "--two-speeds", "-o", "steps.toml")
     assert re.search(
-        r"(?s)at rest lag .* s \(.* samples\), noise left .* dB.; moving lag .*, noise left .* dB.", text
+        r"at rest lag .* s \(.* samples\), noise left .* dB\); moving lag .*, noise left\s.* dB\)", text
     )
     assert "Two speeds explain this record clearly better than one." in text
     (one,) = load_tuning("steps.toml").channels
