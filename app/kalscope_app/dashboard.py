@@ -58,6 +58,9 @@ log = logging.getLogger(__name__)
 WARM_UP_AFTER_S = 2.0
 """Seconds from the first frame to the start of the worker: the browser loads the page first."""
 
+MIN_NEW_OBJECTS = 50_000
+"""New objects after which Python collects garbage from then on: in a few ms, which nobody sees."""
+
 
 class Dashboard:
     """Views, session and engine on one server."""
@@ -186,6 +189,7 @@ class Dashboard:
     def _settle(self) -> None:
         """Do now what would otherwise interrupt a recording of a board."""
         gc.freeze()  # what is loaded by now stays: collecting garbage in it blocks the interpreter for 0.1 s
+        gc.set_threshold(MIN_NEW_OBJECTS)
         with contextlib.suppress(OSError):  # the first task tries again, and reports why it fails
             self._worker.warm_up()
 

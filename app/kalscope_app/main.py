@@ -11,7 +11,7 @@ import threading
 import warnings
 from contextlib import suppress
 
-MIN_NEW_OBJECTS = 50_000
+MIN_NEW_OBJECTS = 300_000
 """New objects after which Python collects garbage, in place of 700: almost all of them stay in use, and collecting
 the others takes a seventh of the run time of `kalscope tune`."""
 

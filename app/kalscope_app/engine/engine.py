@@ -181,7 +181,8 @@ LIVE_INTERVAL = 0.045
 """Seconds between two frames of a live record: 22 a second."""
 
 STATUS_INTERVAL = 0.5
-"""Seconds after which a live record without new samples is drawn if its status has changed."""
+"""Seconds after which a live record without new samples is drawn if its status has changed, and polled while it is
+silent."""
 
 STUDY_INTERVAL = 3.0
 """Seconds between two rounds of idle-time computations for a live record that is not being tuned."""
@@ -253,8 +254,10 @@ class Engine:
                 self.first_frame.set()
 
     def _tick(self) -> float:
-        """When a live board is polled again without a request; inf for a finished record."""
-        return math.inf if self._session.board is None else self._begun + LIVE_INTERVAL
+        """When a live board is polled again without a request, seldom while it is silent; inf: a finished record."""
+        silent = self._begun - self._news_at > SETTLING
+        interval = STATUS_INTERVAL if silent else LIVE_INTERVAL
+        return math.inf if self._session.board is None else self._begun + interval
 
     def _wait_for_frame(self, now: float) -> bool:
         """Wait until a new frame is due, or a part of the last one; True for a new frame."""

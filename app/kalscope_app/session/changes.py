@@ -13,7 +13,6 @@ import numpy as np
 
 from kalscope.analysis import actions
 from kalscope.analysis.channel_kinds import default_channel
-from kalscope.analysis.findings import request_in
 from kalscope.common.text import TIME_UNITS, command_line, lag_text, one_line, typed_gate, typed_number
 from kalscope.errors import BadFile, BadSetting
 from kalscope.estimation.result import Estimate
@@ -556,6 +555,8 @@ def change_for(state: State, action: actions.Action, judged: State) -> State:
     q, r, how = judged.tuning.q, judged.tuning.r, judged.tuning.how
     match action:
         case actions.Scale(q_factor, r_factor):
+            from kalscope.analysis.findings import request_in
+
             keeps_goal = q_factor == r_factor and request_in(how, r) is not None  # q/r stays, and so does a goal
             how = how if keeps_goal else "by hand"
             return state.with_tuning(q=_rounded(q * q_factor), r=_rounded(r * r_factor), how=how)

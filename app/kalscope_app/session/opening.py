@@ -17,7 +17,6 @@ from kalscope.estimation.noise import noise_scale
 from kalscope.estimation.request import find_parameters
 from kalscope.filtering.filter import Filter, StandardFilter
 from kalscope.papers.generalized import GeneralizedParams
-from kalscope.papers.reproduction import open_experiment
 from kalscope.recording import Recording, Timing
 from kalscope.tuning.choose import adapt_tuning, name_of_fused
 from kalscope.tuning.tuning import ChannelTuning, Tuning, same_period
@@ -173,6 +172,8 @@ def opened_experiment(name: str, before: State | None = None) -> State:
     Raises:
         BadSetting: no such experiment.
     """
+    from kalscope.papers.reproduction import open_experiment
+
     recording, filters = open_experiment(name)
     state = opened(recording, before, tuple(first_answer(recording, name) for name in recording.names))
     chosen = (filters[name] for name in recording.names)

@@ -14,7 +14,6 @@ from dataclasses import asdict, fields
 from typing import TYPE_CHECKING, Any, cast
 
 import msgspec
-import tomlkit
 
 from kalscope.common.text import CONTROL, escaped
 from kalscope.errors import BadFile, BadSetting, reason_of
@@ -117,6 +116,8 @@ def fresh(tables: Mapping[str, Any]) -> str:
     Args:
         tables: As `parse` returns them; None is a key that must be absent.
     """
+    import tomlkit
+
     document = tomlkit.document()
     document.add(tomlkit.comment(_TITLE))
     _write(document, tables)
@@ -125,6 +126,8 @@ def fresh(tables: Mapping[str, Any]) -> str:
 
 def updated(before: str, tables: Mapping[str, Any]) -> str:
     """The text `before` with the values of `tables`: unchanged values, comments and unknown keys stay."""
+    import tomlkit
+
     document = tomlkit.parse(before)
     _write(document, tables)
     return tomlkit.dumps(document)
@@ -149,6 +152,8 @@ def _write(table: MutableMapping[str, Any], values: Tables) -> None:
 
 def _write_entries(table: MutableMapping[str, Any], key: str, entries: list[Tables]) -> None:
     """Put the entries into an array of tables in their order; an entry of the same name is updated."""
+    import tomlkit
+
     array: Any = table.setdefault(key, tomlkit.aot())
     there = {str(entry["name"]): entry for entry in array.body}
     if list(there) != [entry["name"] for entry in entries]:
@@ -160,12 +165,16 @@ def _write_entries(table: MutableMapping[str, Any], key: str, entries: list[Tabl
 
 
 def _new_table() -> Table:
+    import tomlkit
+
     table = tomlkit.table()
     table.trivia.indent = "\n"  # an empty line above its [header]
     return table
 
 
 def _commented(key: str, value: object) -> Item:
+    import tomlkit
+
     item = tomlkit.item(_plain(value))
     return item.comment(_COMMENTS[key]) if key in _COMMENTS else item
 
@@ -180,6 +189,8 @@ def _plain(value: object) -> object:
     value = value.encode("utf-8", "replace").decode()
     if not CONTROL.search(value):
         return value
+    import tomlkit
+
     inside = json.dumps(value, ensure_ascii=False)[1:-1]  # the escapes of JSON are those of TOML
     return tomlkit.string(escaped(inside), escape=False)
 
