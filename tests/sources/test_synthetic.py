@@ -53,18 +53,13 @@ BAD = [
 
 @pytest.mark.parametrize("settings", BAD, ids=str)
 def test_a_bad_setting_is_refused_and_named(settings):
-    with pytest.raises(BadSetting, match=r"must be|must rise") as caught:
+    with pytest.raises(BadSetting, match=rf"(?=.*{next(iter(settings))}).*must (be|rise).*got"):
         synthesize("sine", **settings)
-    assert "got" in str(caught.value)
-    name = next(iter(settings))
-    assert name in str(caught.value)
 
 
 def test_several_sensors_of_one_signal_share_its_truth():
     offsets = (0.0, 5.0, -2.0)
-    recording = synthesize(
-        "random_walk", n=50_000, sigmas=(0.5, 1.0, 2.0), offsets=offsets, every=(1, 1, 5), seed=2
-    )
+    recording = synthesize("random_walk", n=50_000, sigmas=(0.5, 1, 2), offsets=offsets, every=(1, 1, 5), seed=2)
     assert recording.names == ("a", "b", "c")
     np.testing.assert_array_equal(recording.truth, recording.truth[:, :1].repeat(3, axis=1))
     error = recording.values - recording.truth
@@ -90,33 +85,17 @@ def test_sensors_that_contradict_each_other_are_refused(wrong, must):
         synthesize("sine", **wrong)
 
 
-_real = st.floats(-1e50, 1e50)
-_time = st.floats(1e-50, 1e50)
-_size = st.floats(0, 1e50)
-_share = st.floats(0, 1)
+REAL, TIME, SIZE, SHARE = st.floats(-1e50, 1e50), st.floats(1e-50, 1e50), st.floats(0, 1e50), st.floats(0, 1)
+SETTINGS = {
+    "shape": st.sampled_from(SHAPES), "noise": st.sampled_from(NOISES), "seed": st.integers(0, 2**63 - 1),
+    "n": st.integers(1, 40), "channels": st.integers(1, 16), "sample_period": TIME, "period": TIME,
+    "amplitude": REAL, "level": REAL, "sigma": SIZE, "outliers": SHARE, "outlier_size": SIZE, "quantum": SIZE,
+    "drop_outs": SHARE, "limits": st.none() | st.tuples(st.floats(-1e50, -1), SIZE),
+}  # fmt: skip
 
 
-@given(
-    st.builds(
-        SignalSettings,
-        shape=st.sampled_from(SHAPES),
-        n=st.integers(1, 40),
-        sample_period=_time,
-        channels=st.integers(1, 16),
-        amplitude=_real,
-        level=_real,
-        period=_time,
-        noise=st.sampled_from(NOISES),
-        sigma=_size,
-        outliers=_share,
-        outlier_size=_size,
-        quantum=_size,
-        drop_outs=_share,
-        limits=st.none() | st.tuples(st.floats(-1e50, -1), st.floats(0, 1e50)),
-        seed=st.integers(0, 2**63 - 1),
-    ),
-    st.integers(0, 4),
-)
+@pytest.mark.slow
+@given(st.builds(SignalSettings, **SETTINGS), st.integers(0, 4))
 def test_every_valid_setting_gives_finite_numbers_and_reopens_from_its_source(chosen, sensors):
     if sensors:
         each = {name: (value,) * sensors for name, value in (("sigmas", chosen.sigma), ("offsets", chosen.level))}

@@ -22,21 +22,14 @@ def test_a_delimiter_outranks_what_is_found(read):
 TIMED = "n,clock [ms],a\n" + "".join(f"{i},{20 * i},{i % 3}\n" for i in range(9))
 
 
-@pytest.mark.parametrize(("choice", "names", "period"), [("n", ("clock", "a"), 1.0), ("clock", ("n", "a"), 0.02)])
-def test_a_time_column_is_chosen_by_name(read, choice, names, period):
-    recording = read(TIMED, time_column=choice)
-    assert (recording.names, recording.sample_period) == (names, period)
-
-
-def test_a_chosen_date_brings_its_clock(read):
-    text = "day;at;a\n" + "".join(f"2026-01-01;10:00:{i:02};{i}\n" for i in range(9))
-    for choice in ("day", "at", None):
-        assert read(text, time_column=choice).sample_period == 1.0
-
-
-def test_a_time_unit_outranks_what_is_found(read):
+def test_a_time_column_and_its_unit_are_chosen(read):
+    for choice, names, period in (("n", ("clock", "a"), 1.0), ("clock", ("n", "a"), 0.02)):
+        recording = read(TIMED, time_column=choice)
+        assert (recording.names, recording.sample_period) == (names, period)
     assert read(TIMED, time_column="n", time_unit="us").sample_period == 1e-6
     assert read("t,a\n0.0,1\n8.5,2\n17,3\n", time_unit="ms").sample_period == 0.0085
+    dated = "day;at;a\n" + "".join(f"2026-01-01;10:00:{i:02};{i}\n" for i in range(9))
+    assert {read(dated, time_column=choice).sample_period for choice in ("day", "at", None)} == {1.0}
 
 
 def test_missing_numbers_are_compared_as_numbers_and_texts_as_cells(read):
@@ -50,18 +43,14 @@ def test_missing_numbers_are_compared_as_numbers_and_texts_as_cells(read):
 GAPPY = "t,a\n" + "".join(f"{t},{t * 10:.0f}\n" for t in (0.0, 0.1, 0.2, 0.6, 0.7, 0.65, 0.8, 0.9))
 
 
-def test_gaps_become_rows_of_missing_samples(read):
+def test_gaps_become_rows_of_missing_samples_or_time_steps(read):
     recording = read(GAPPY, gaps="missing")
-    assert recording.report.inserted == 3
+    assert (recording.report.inserted, recording.report.rows) == (3, 8)
     np.testing.assert_allclose(recording.time[2:7], [0.2, 0.3, 0.4, 0.5, 0.6])
     np.testing.assert_array_equal(np.isnan(recording.values[:, 0]), [0, 0, 0, 1, 1, 1, 0, 0, 0, 0, 0])
-    assert recording.report.rows == 8
-
-
-def test_gaps_become_time_steps_and_steps_back_are_none(read):
     recording = read(GAPPY, gaps="dt")
     assert recording.gaps == "dt"
-    np.testing.assert_allclose(recording.steps(), [1, 1, 1, 4, 1, 0, 1.5, 1], rtol=1e-9)
+    np.testing.assert_allclose(recording.steps(), [1, 1, 1, 4, 1, 0, 1.5, 1], rtol=1e-9)  # steps back are none
 
 
 def test_a_rate_is_a_sample_period_in_other_words(read):
@@ -109,12 +98,10 @@ def test_options_as_a_person_types_them():
     assert options_from_text(delimiter="\\t").delimiter == "\t"
 
 
+@pytest.mark.slow
 @given(st.lists(st.text(min_size=1)))
-def test_values_joined_into_one_line_are_the_same_again(values):
+def test_values_joined_into_one_line_are_the_same_again_and_a_lone_quote_is_refused(values):
     assert split_values(shlex.join(values)) == values
-
-
-@pytest.mark.parametrize("text", ["it's", 'a "b', "'"])
-def test_a_lone_quote_is_refused(text):
-    with pytest.raises(BadSetting, match="quotes must come in pairs"):
-        split_values(text)
+    for text in ("it's", 'a "b', "'"):
+        with pytest.raises(BadSetting, match="quotes must come in pairs"):
+            split_values(text)
