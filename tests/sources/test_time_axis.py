@@ -72,8 +72,8 @@ DEVICES = {
         Device(64, clock=1e-3), Device(490, clock=1e-3), Device(900, clock=1e-3), Device(stamp_jitter=0.1),
         Device(loop_jitter=0.2), Device(loop_jitter=0.2, pauses=4, pause=0.5), Device(0.9, clock=1.0),
         Device(480, clock=1e-3, loop_jitter=0.3), Device(48, clock=0.015625, pauses=4, pause=1.0), Device(lost=0.4),
-        Device(104, loop_jitter=0.02, lost=0.2), Device(1.0, clock=1.0, lost=0.2), Device(1000, clock=1e-3, lost=0.3),
-        Device(0.7, clock=1.0, stamp_jitter=0.3),
+        Device(104, loop_jitter=0.02, lost=0.2), Device(1.0, clock=1.0, lost=0.2),
+        Device(1000, clock=1e-3, lost=0.3), Device(0.7, clock=1.0, stamp_jitter=0.3),
     ],
     "bursts": [
         Device(buffer=5, drain=1e-3), Device(250, buffer=20, drain=2e-4, clock=1e-3),
