@@ -1,20 +1,27 @@
-"""What all containers share: known by content, cancelled, refused without their library or where damaged."""
+"""What all containers share: known by content, cancelled, refused where damaged or what unpacks to too much."""
 
 import gzip
+import io
 import random
 import re
 import sys
+import zipfile
 
 import numpy as np
 import pytest
 from tests.support.effort import FUZZ
 from tests.support.required import needs
 
-from kalscope.errors import BadFile, Cancelled
+from kalscope.common import files
+from kalscope.errors import BadFile, Cancelled, NoMemory
+from kalscope.sources.grammar.read_options import ReadOptions
 from kalscope.sources.reading.recording_file import read_recording
 
-needs("duckdb", "pyarrow", "h5py", "nptdms", "openpyxl", "python_calamine", "rosbags", "mcap", "pyulog")
+needs(
+    "duckdb", "pyarrow", "h5py", "nptdms", "openpyxl", "python_calamine", "rosbags", "mcap", "pyulog", "zstandard"
+)
 
+import zstandard  # noqa: E402
 from tests.sources.made_containers import CONTAINERS  # noqa: E402
 
 LIBRARIES = {
@@ -85,3 +92,35 @@ def test_a_damaged_container_is_refused_or_read(container):
             at = draw.randrange(min(len(data), draw.choice((300, len(data)))))  # the beginning holds the structure
             damaged[at] ^= 1 << draw.randrange(8)
         read_or_refuse(container, bytes(damaged))
+
+
+ROWS = b"".join(b"%d,%d\n" % (i, i % 7) for i in range(3000))
+ZIP = io.BytesIO()
+with zipfile.ZipFile(ZIP, "w", zipfile.ZIP_DEFLATED) as _archive:
+    _archive.writestr("log.csv", ROWS)
+TEXTS = {"log.csv.gz": gzip.compress(ROWS), "log.csv.zst": zstandard.compress(ROWS), "log.zip": ZIP.getvalue()}
+TEXTS["log.zip.gz"] = gzip.compress(ZIP.getvalue())
+NAMES = [*TEXTS, "log.xlsx", "log.h5", "log.mat", "log.parquet", "log.mcap", "packed.bag"]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", NAMES)
+def test_what_unpacks_to_too_much_is_refused_unless_it_is_allowed(tmp_path, monkeypatch, name):
+    path = tmp_path / name
+    if name in TEXTS:
+        path.write_bytes(TEXTS[name])
+    else:
+        CONTAINERS[name](path)
+    assert len(read_recording(path)) > 10
+    monkeypatch.setattr(files, "MAX_UNPACKED", 100)
+    monkeypatch.setattr(files, "MAX_RATIO", 0)
+    said = f"{name} must unpack to at most 1e-07 GB (got more): --unpack-gb allows more"
+    with pytest.raises(BadFile, match=f"^{re.escape(said)}$"):
+        read_recording(path)
+    assert len(read_recording(path, ReadOptions(unpack_gb=1e-3))) > 10
+    monkeypatch.setattr(files, "MAX_RATIO", 1000)
+    assert len(read_recording(path)) > 10
+    if name in ("log.h5", "log.mat", "log.parquet"):
+        monkeypatch.setattr(files, "free_memory", lambda: 100)
+        with pytest.raises(NoMemory, match=rf"^{name} must fit into the memory that is free, 0.0 GB \(got "):
+            read_recording(path)

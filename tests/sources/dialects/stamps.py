@@ -12,6 +12,10 @@ MONTHS = ["Jan", "Feb", "Mar", "Apr", "May", "Jun", "Jul", "Aug", "Sep", "Oct", 
 DAYS = ["Mon", "Tue", "Wed", "Thu", "Fri", "Sat", "Sun"]
 
 
+Columns = tuple[tuple[str, ...], tuple[tuple[str, ...], ...]]
+"""(names, cells) of time columns."""
+
+
 @dataclass(frozen=True)
 class Stamps:
     """The time columns of one log."""
@@ -87,9 +91,7 @@ def sample_times(rng: Random, n: int, resolution: int, shape: str, *, daily: boo
     return micros - micros[0], step / 1e6
 
 
-def written(
-    rng: Random, form: str, start: datetime, micros: np.ndarray, decimal: str, delimiter: str
-) -> tuple[tuple[str, ...], tuple[tuple[str, ...], ...]]:
+def written(rng: Random, form: str, start: datetime, micros: np.ndarray, decimal: str, delimiter: str) -> Columns:
     """(names, cells) of a form."""
     when = [start + timedelta(microseconds=int(at)) for at in micros]
     if form in _NUMBERS:
@@ -138,9 +140,7 @@ _NUMBERS = {  # µs in one unit, names
 }
 
 
-def _numbers(
-    rng: Random, form: str, start: datetime, micros: np.ndarray, decimal: str, delimiter: str
-) -> tuple[tuple[str, ...], tuple[tuple[str, ...], ...]]:
+def _numbers(rng: Random, form: str, start: datetime, micros: np.ndarray, decimal: str, delimiter: str) -> Columns:
     unit, names = _NUMBERS[form]
     epoch = (start - datetime(1970, 1, 1)) // timedelta(microseconds=1) if form.startswith("epoch") else 0
     counts = [int(at) + epoch for at in micros]

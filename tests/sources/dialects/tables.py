@@ -27,6 +27,11 @@ FACTS = (
 )  # fmt: skip
 
 
+Cells = list[list[str]]
+Optional = list[str] | None
+Words = tuple[str, ...]
+
+
 @dataclass
 class Case:
     """One log and its right reading."""
@@ -35,9 +40,9 @@ class Case:
     """What was chosen, for messages."""
     data: bytes = b""
     """The file."""
-    names: tuple[str, ...] = ()
+    names: Words = ()
     """Names of the channels; () where the file names none."""
-    units: tuple[str, ...] = ()
+    units: Words = ()
     """Their units."""
     values: np.ndarray = field(default_factory=lambda: np.empty((0, 0)))
     """Samples, NaN where missing."""
@@ -90,7 +95,7 @@ def make_table(rng: Random) -> Case:
     return case
 
 
-def samples(rng: Random, case: Case, n: int, width: int, delimiter: str, decimal: str) -> list[list[str]]:
+def samples(rng: Random, case: Case, n: int, width: int, delimiter: str, decimal: str) -> Cells:
     """Cells of the channels; the values they mean go into the case."""
     case.values = np.empty((n, width))
     cells = [[""] * width for _ in range(n)]
@@ -113,7 +118,7 @@ def samples(rng: Random, case: Case, n: int, width: int, delimiter: str, decimal
     return cells
 
 
-def lose_some(rng: Random, case: Case, cells: list[list[str]], delimiter: str) -> None:
+def lose_some(rng: Random, case: Case, cells: Cells, delimiter: str) -> None:
     """Missing words in random places, the first rows among them."""
     n, width = case.values.shape
     if rng.random() < 0.6:
@@ -133,9 +138,7 @@ def lose_some(rng: Random, case: Case, cells: list[list[str]], delimiter: str) -
     case.dialect["missing"] = word
 
 
-def headings(
-    rng: Random, width: int, delimiter: str, header: bool
-) -> tuple[tuple[str, ...], tuple[str, ...], list[str]]:
+def headings(rng: Random, width: int, delimiter: str, header: bool) -> tuple[Words, Words, list[str]]:
     """(names, units, labels as the header writes them)."""
     pool = NAMES if delimiter == " " else [*NAMES, *SPACED_NAMES]
     names = tuple(rng.sample(pool, width))
@@ -145,7 +148,7 @@ def headings(
     return names, units, labels
 
 
-def suffix_units(rng: Random, case: Case, columns: list[list[str]], delimiter: str, *, header: bool) -> None:
+def suffix_units(rng: Random, case: Case, columns: Cells, delimiter: str, *, header: bool) -> None:
     """Units behind the numbers: 26.69C."""
     if rng.random() > 0.05 or any(case.units) or delimiter == " ":
         return
@@ -156,13 +159,7 @@ def suffix_units(rng: Random, case: Case, columns: list[list[str]], delimiter: s
 
 
 def table_lines(
-    rng: Random,
-    case: Case,
-    rows: list[list[str]],
-    heads: list[str] | None,
-    units: list[str] | None,
-    *,
-    quoted: bool,
+    rng: Random, case: Case, rows: Cells, heads: Optional, units: Optional, *, quoted: bool
 ) -> list[str]:
     """The lines from the header on."""
     delimiter = str(case.dialect["delimiter"])

@@ -77,7 +77,7 @@ def test_the_first_hundred_issues_are_kept_and_all_are_counted(read):
 
 def test_a_missing_file_a_folder_and_an_impossible_name_are_bad_files(tmp_path):
     for path, said in (
-        ("none.csv", "not found"),
+        ("none", "not found"),
         (tmp_path, "folder"),
         ("a\0b", "cannot read"),
         ("x" * 5000, "cannot"),

@@ -84,14 +84,14 @@ def test_every_value_comes_back_bit_for_bit(tmp_path_factory, values):
 HOSTILE = ["a,b", 'say "hi"', "two\nlines", "# comment", "no#mark", "5", "nan", "12:30", "2024-01-01", "a [b]"]
 HOSTILE += ["force (N)", "Distance_cm", "=cmd()", " spaces ", "", "\x00\x07", "host time", "device time", "time"]
 HOSTILE += ["日本 µ", "x" * 300, "'", ";\t|", "\\"]
-CHANGED = {
-    "two\nlines": "two lines",
-    "=cmd()": "'=cmd()",
-    " spaces ": "spaces",
-    "": "channel",
+CHANGED = {"two\nlines": "two lines", "=cmd()": "'=cmd()", " spaces ": "spaces", "": "channel"}
+CHANGED |= {
     "\x00\x07": "channel 2",
+    "host time": "host time 2",
+    "device time": "device time 2",
+    "x" * 300: "x" * 60,
+    ";\t|": "; |",
 }
-CHANGED |= {"host time": "host time 2", "device time": "device time 2", "x" * 300: "x" * 60, ";\t|": "; |"}
 
 
 @pytest.mark.slow
