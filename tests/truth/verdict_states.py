@@ -87,8 +87,8 @@ class VerdictState:
         return " ".join([self.signal, f"q={float(p.q):g} r={float(p.r):g}", *rest, *tau])
 
 
-def of(signal, *pairs, **others):
-    return [VerdictState(signal, FilterParams(q, r, **others)) for q, r in pairs]
+def of(signals, *pairs, **others):
+    return [VerdictState(one, FilterParams(q, r, **others)) for one in signals.split(", ") for q, r in pairs]
 
 
 STATES = [
@@ -103,7 +103,8 @@ STATES = [
     *of("walk", (0.01, 1.0), (1e-8, 1.0), (1e-4, 0.01), gate=9.0),
     *of("walk", (0.01, 1.0), (1e-4, 1.0), momentum=10.0),
     *of("pure walk", (1.0, 0.0), (1e-4, 1.0), (1e-8, 1e4)),
-    *of("ramp", (0.01, 1.0), (1e-8, 1e4)),
+    *of("ramp, rounded 0.5, rounded 10, spikes, coloured, gaps, short, hum, anti", (0.01, 1.0), (1e-8, 1e4)),
+    *of("spikes, short", (1.0, 1.0)),
     *of("noisy ramp", (1e-4, 1.0), (0.04, 1.0), (1.0, 1.0)),
     *of("sine", (1e-8, 1e4), (1e-3, 1.0), (0.1, 1.0), (1.0, 0.1)),
     *of("sine", (0.1, 1.0), momentum=30.0),
@@ -111,16 +112,12 @@ STATES = [
     *of("steps", (1e-4, 1.0), (1.0, 1.0), (100.0, 1.0), (1e-8, 1e4)),
     *of("steps", (1e-4, 1.0), gate=9.0),
     *of("constant", (0.01, 1.0), (0.0, 1.0)),
-    *of("rounded 0.5", (0.01, 1.0), (1e-8, 1e4)),
-    *of("rounded 10", (0.01, 1.0), (1e-8, 1e4), (10.0, 1e-4)),
-    *of("spikes", (0.01, 1.0), (1e-8, 1e4), (1.0, 1.0)),
+    *of("rounded 10", (10.0, 1e-4)),
     *of("spikes", (0.01, 1.0), gate=16.0),
-    *of("coloured", (0.01, 1.0), (1.0, 0.01), (1e-8, 1e4)),
-    *of("anti", (0.01, 1.0), (1e-8, 2.0), (1e-8, 1e4)),
-    *of("hum", (0.01, 1.0), (0.01, 3.0), (1e-8, 1e4)),
+    *of("coloured", (1.0, 0.01)),
+    *of("anti", (1e-8, 2.0)),
+    *of("hum", (0.01, 3.0)),
     *of("loud half", (0.01, 1.0), (0.01, 2.5)),
-    *of("gaps", (0.01, 1.0), (1e-8, 1e4)),
-    *of("short", (0.01, 1.0), (1e-8, 1e4), (1.0, 1.0)),
 ]
 """What is judged."""
 
