@@ -251,7 +251,7 @@ _TIME_UNITS = {
     "ms": (1e-3, "ms msec msecs millis millisecond milliseconds"),
     "us": (1e-6, "us µs μs usec usecs micros microsecond microseconds"),
     "100ns": (1e-7, "100ns"),
-    "ns": (1e-9, "ns nsec nsecs nanos nanosecond nanoseconds"),
+    "ns": (1e-9, "ns nsec nsecs nanos nanosec nanosecond nanoseconds"),
     "min": (60.0, "min mins minute minutes"),
     "h": (3600.0, "h hr hour hours"),
     "day": (86400.0, "d day days"),

@@ -85,7 +85,8 @@ MAX_LABEL, MAX_PARTS = 60, 2048
 """Length of a label of several words, and commas, semicolons and tabs of a line."""
 
 _BETWEEN_PAIRS, _BUT_COMMAS = re.compile(r"[,;&|\t]"), re.compile(r"[;&|\t]")
-_COMMA_IN_NUMBER = re.compile(r"[0-9],[0-9]")
+_AFTER_LIST = re.compile(r"(, ?[-+0-9.]{1,20}) (?=[A-Za-z_]{1,30}[:=])")
+_COMMA_IN_NUMBER, _POINT_IN_NUMBER = re.compile(r"[0-9],[0-9]"), re.compile(r"[0-9]\.[0-9]")
 _WORD = re.compile(r'(?:[^\s"]|"[^"]*")++')
 _LEVEL = re.compile(r"\[?(?:TRACE|DEBUG|INFO|NOTICE|WARN|WARNING|ERROR)\]?:?[ \t]+")
 """What a logger writes before its text."""
@@ -95,11 +96,17 @@ _ESPHOME = re.compile(
 )
 """`[D][sensor:094]: 'Barn': Sending state 20.5 °C with 1 decimals of accuracy`, `'Barn' >> 20.5 °C`: ESPHome."""
 _LINE_PROTOCOL = re.compile(
-    r"[^\s=\",]{1,200}(?:,[^\s\"]{1,400})? ([^\s=,]+=[^\s=,]+(?:,[^\s=,]+=[^\s=,]+){0,63}) ([0-9]{10,19})"
+    r"([^\s=\",]{1,200}(?:,[^\s\"]{1,400})?) ([^\s=,]+=[^\s=,]+(?:,[^\s=,]+=[^\s=,]+){0,63}) ([0-9]{10,19})"
 )
 """`weather,loc=us temp=21.5,hum=40i 1709630000000000000`: InfluxDB."""
+SERIES_KEY = "series key"
+"""The label of its measurement and tags, which say of which sensor the fields are."""
 _TOPIC = re.compile(r"([A-Za-z$][^\s,;:=\"{/]{0,99}/[^\s,;:=\"{]{0,200}) (\S{1,40})")
 """`home/barn/temperature 21.5`: what mosquitto_sub -v writes."""
+_REMARK = re.compile(r"[ \t]\([a-z][^()]{1,80}\)$")
+"""`Core 0: +42.0°C  (high = +80.0°C, crit = +100.0°C)`: lm-sensors."""
+_OF = re.compile(r"(?<![/0-9.])([0-9.]{1,12}) ?/([0-9.]{1,12})(?![/0-9.])")
+"""A value and what it is compared with: `T:20.9 /210.0` of Marlin, `Quality=43/70`."""
 _CELL = re.compile(r'[,;](?! )|"')
 """What shows that the text before an object is a cell of a table, not what a logger writes."""
 _MAX_PREFIX = 240
@@ -121,6 +128,7 @@ def find_labels(line: str) -> Pairs | None:
         return find_object(text.removesuffix(","))
     found = _logged(text)
     text = text.replace(" *C", " C").replace(" *F", " F")  # boards that lack a degree sign
+    text = _REMARK.sub("", text[1:-1] if text[0] + text[-1] == "<>" else text)
     for mark in ("=", ":") if text.count('"') % 2 == 0 else ():
         found = found or _labelled(text, mark)
     return found
@@ -129,13 +137,28 @@ def find_labels(line: str) -> Pairs | None:
 def _labelled(text: str, mark: str) -> Pairs | None:
     """The pairs of a text, this mark between label and value; the commas of `T=20,5;H=40,1` are decimal ones."""
     is_decimal = text.count(mark) > 1 and len(_COMMA_IN_NUMBER.findall(text)) == text.count(",")
-    pairs: Pairs = []
-    for part in (_BUT_COMMAS if is_decimal else _BETWEEN_PAIRS).split(text):
+    is_decimal = is_decimal and not _POINT_IN_NUMBER.search(text)
+    pairs, size = Pairs(), 0
+    for part in (_BUT_COMMAS if is_decimal else _BETWEEN_PAIRS).split(
+        _AFTER_LIST.sub(r"\1,", _OF.sub(r"\1 /\2", text))
+    ):
         found = _pairs(part, mark) if part.strip() else []
+        if found is None and not pairs and part.isalpha():
+            continue  # `Idle|MPos:0,0,0` of Grbl
+        if found is None and pairs and _is_list(pairs[-1 - size], part.strip()):
+            pairs.append((f"{pairs[-1 - size][0]} {size + 2}", part.strip()))  # `acc: 0.1, 0.2, 9.8`
+            size += 1
+            continue
         if found is None or len(pairs) > MAX_VALUES:
             return None
-        pairs += found
+        pairs, size = pairs + found, 0
     return _with_axes(pairs) if pairs else None
+
+
+def _is_list(first: tuple[str, str], more: str) -> bool:
+    """Whether a value without a label goes on with those of the label before, which is no clock."""
+    label, value = first
+    return _is_value(more) and _is_value(value) and label[0].isalpha() and not is_number(label.split()[-1])
 
 
 def _pairs(text: str, mark: str) -> Pairs | None:
@@ -180,7 +203,11 @@ def _with_sections(pairs: Pairs) -> Pairs:
 def _leading_values(words: list[str]) -> tuple[list[str], list[str]]:
     """The values that words begin with, and the rest: `21.0°C 70°F Heat index` holds two, both with units."""
     values: list[str] = []
-    while words and _is_value(words[0]):
+    while words and (_is_value(words[0]) or (values and words[0][0] == "/" and is_number(words[0][1:]))):
+        if words[0][0] == "/":
+            values.append(words[0][1:])
+            words = words[1:]
+            continue
         unit = next((n for n in (2, 1) if is_measure("".join(words[1 : 1 + n]))), 0)
         if values and not unit and split_measure(words[0]) is None:
             break
@@ -198,12 +225,18 @@ def _logged(text: str) -> Pairs | None:
     if "'" in text and (match := _ESPHOME.fullmatch(text)):
         return [(match[1], match[2])]
     if "=" in text and (match := _LINE_PROTOCOL.fullmatch(text)) is not None:
-        fields = (part.partition("=") for part in match[1].split(","))
-        return [("time", match[2]), *((name, value.removesuffix("i")) for name, _, value in fields)]
+        fields = (part.partition("=") for part in match[2].split(","))
+        key = " ".join(part.rpartition("=")[2] for part in match[1].split(","))
+        return [
+            (SERIES_KEY, key),
+            ("time", match[3]),
+            *((name, value.removesuffix("i")) for name, _, value in fields),
+        ]
     start = text.find("{", 0, _MAX_PREFIX)
     if start > 0 and text.endswith(("}", "}'")):
         before = text[:start]
-        found = None if _CELL.search(before) else find_object(text[start:].removesuffix("'"))
+        inside = text[start:].removesuffix("'")
+        found = None if _CELL.search(before) else find_object(inside) or _labelled(inside[1:-1], ":")
         words = before.rstrip(" =:\t'").split()
         topic = words[-1] + "." if words and "/" in words[-1] else ""
         return found and [(topic + name, value) for name, value in found]
@@ -254,11 +287,13 @@ _BARE_STAMP = re.compile(
 )
 """A stamp followed by nothing but blanks, before a label."""
 _COUNTED = re.compile(
-    r"(?:[\[(][ ]{0,12}([0-9]{1,14}(?:\.[0-9]{1,9})?(?:[mµu]?s)?)[\])]|[EWIDV] \(([0-9]{1,14})\) [^\s:]{1,40}:"
-    r"|Stats ([0-9]{1,14}\.[0-9]{1,3}):)[ \t](.*)",
+    r"(?:\[ *[0-9]{1,3}\] +([0-9.]{1,12})- *[0-9.]{1,12} +sec"
+    r"|[\[(][ ]{0,12}([0-9]{1,14}(?:\.[0-9]{1,9})?(?:[mµu]?s)?)[\])]|[EWIDV] \(([0-9]{1,14})\) [^\s:]{1,40}:"
+    r"|Stats ([0-9]{1,14}\.[0-9]{1,3}):)[ \t]{1,12}(.*)",
     re.DOTALL,
 )
-"""What a kernel, an ESP32 and Klipper write before a line: `[   12.345]`, `I (12345) sensor:`, `Stats 812.4:`."""
+"""What a kernel, an ESP32, Klipper and iperf write before a line: `[   12.345]`, `I (12345) sensor:`,
+`Stats 812.4:`, `[  3]  0.0- 1.0 sec`."""
 _SYSLOG = re.compile(
     r"(?:[A-Z][a-z]{2} [ 0-9]?[0-9]|[0-9]{2}-[0-9]{2}) ([0-9]{2}:[0-9]{2}:[0-9]{2}(?:\.[0-9]{1,9})?)"
     r"(?: {1,8}[^\s:]{1,64}){2,4} {0,24}: (.*)",

@@ -177,7 +177,7 @@ _DAY = re.compile(
     rf"(?:([0-9]{{1,4}}){_GAP}({_WORD}){_GAP}([0-9]{{1,4}})|({_WORD}){_GAP}([0-9]{{1,2}}){_GAP}([0-9]{{1,4}}))"
 )
 _REST = re.compile(
-    rf"(?:[T _,;:-]{{1,3}}|,? at ){_CLOCK_TEXT}"
+    rf"(?:[T _,;:-]{{1,3}}|,? (?:at|@) ){_CLOCK_TEXT}"
     r"(?: ?([A-Za-z]{1,4}))?(?: ?([-+])([0-9]{1,2}):?([0-9]{2})?(?: [A-Z]{3,4})?)?"  # Go: +0800 CST
     r"(?: ?[\[(][A-Za-z0-9_/+ -]{1,40}[\])])?"  # Java: [Europe/Berlin], JavaScript: (China Standard Time)
 )
@@ -187,6 +187,8 @@ _YEAR_LAST = re.compile(
 _CLOCK_FIRST = re.compile(r"^([0-9]{1,2}:.{2,24}?),? ([0-9]{1,4}[-/.][0-9]{1,2}[-/.][0-9]{1,4})")
 _WEEKDAY_BETWEEN = re.compile(r"(?<=[0-9]) \([A-Za-z]{3,10}\) ")
 _CHINESE = str.maketrans({"年": "-", "月": "-", "日": "", "时": ":", "時": ":", "分": ":", "秒": ""})
+_HALF_FIRST, _AFTERNOON = re.compile(r"(\w{2}) ?([0-9]{1,2}:[0-9:]{2,5})"), ("오후", "下午", "午後")
+_SPACED = re.compile(r"^([0-9]{1,4})\. ([0-9]{1,2})\. ([0-9]{1,4})\.?")
 _MONTH = re.compile(r"[12][0-9]{3}[-/][0-9]{1,2}")
 
 
@@ -240,7 +242,8 @@ def _parse_other(cell: str, order: DateOrder) -> float | None:
     if len(cell) == 6 and cell.isascii() and cell.isdecimal():
         return _day(cell[:2], cell[2:4], cell[4:], order)
     if "(" in cell or not cell.isascii():
-        cell = _WEEKDAY_BETWEEN.sub(" ", cell.translate(_CHINESE).rstrip(":"))
+        cell = _WEEKDAY_BETWEEN.sub(" ", _HALF_FIRST.sub(_half_last, cell.translate(_CHINESE)).rstrip(":"))
+    cell = _SPACED.sub(r"\1.\2.\3", cell) if ". " in cell else cell
     if cell[:1].isalpha():
         cell = _YEAR_LAST.sub(r"\1 \3 \2", cell)
     elif ":" in cell[1:3]:
@@ -253,6 +256,12 @@ def _parse_other(cell: str, order: DateOrder) -> float | None:
     first = 1 if match[1] else 5 if match[5] else 8
     day, rest = _day(match[first], match[first + 1], match[first + 2], order), cell[match.end() :]
     return _with_rest(day, rest) if rest and day is not None else day
+
+
+def _half_last(match: re.Match[str]) -> str:
+    """`9:00 AM` of `오전 9:00`, as Korean, Chinese and Japanese write it."""
+    is_half = match[1] in (*_AFTERNOON, "오전", "上午", "午前")
+    return f"{match[2]} {'PM' if match[1] in _AFTERNOON else 'AM'}" if is_half else match[0]
 
 
 def _with_rest(day: float, rest: str) -> float | None:
@@ -668,6 +677,8 @@ class TimeColumn:
     """The first readable date in µs since 1970, where date and clock are in two columns; for rows without one."""
     turn: float = 0.0
     """Length of what the first of two parts counts: 1000 where ms follow whole seconds, 604 800 s of a GPS week."""
+    printed: bool = False
+    """True where it is among labels or before them, as boards print: a whole number is `millis()` rather than s."""
     notes: tuple[str, ...] = ()
     """What was assumed, each a sentence."""
 

@@ -373,18 +373,19 @@ def steps_words(jitter: float) -> str:
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 _MINUTE_JITTER, _LONG_STEP_MS, _WEEK_MS = 100, 100_000, 5e8
 """Milliseconds: by how much a step of minutes may miss them, the longest step, and the latest stamp, of 6 days."""
-_EXACT = 0.95
-"""Share of equal steps of a count of seconds."""
+_EXACT, _STEPS_S = 0.95, (2, 3, 5, 10, 15, 30, 60)
+"""Share of equal steps of a count of seconds, and usual ones; 20 and 50 are ms."""
 _WHOLE_SECOND = 0.02
 """Days with seven or more decimals are this close, in s, to the whole seconds they mean."""
 
 
-def unit_by_magnitude(stamps: Array) -> str:  # noqa: PLR0911 (one for each rule)
+def unit_by_magnitude(stamps: Array, *, printed: bool = False) -> str:  # noqa: PLR0911 (one for each rule)
     """Unit of numeric stamps that name none: those that count from a date by their size, others by their step.
 
     Whole numbers are milliseconds, as of `millis()`: their steps vary, repeat, or do not start at 0. They are
-    seconds where they count from 0 in equal steps of up to a minute, and where their steps are whole minutes that
-    divide an hour, or hours; microseconds where milliseconds would mean weeks, or minutes between two samples.
+    seconds where they count from 0 in equal steps of 2, 5, 10, 15 or 30 and are not `printed` beside labels, and
+    where their steps are whole minutes that divide an hour, or hours; microseconds where milliseconds would mean
+    weeks, or minutes between two samples.
     Fractions are seconds, or days that lie whole seconds apart (45123.506944444, or 0.506944444 of a day).
     """
     low, high = float(stamps.min()), float(stamps.max())
@@ -401,11 +402,22 @@ def unit_by_magnitude(stamps: Array) -> str:  # noqa: PLR0911 (one for each rule
         return "s"
     if step % 60 == 0 and (3600 % step == 0 or step % 3600 == 0) and not in_minutes:
         return "s"
-    if step <= 60 and low in (0, step) and np.mean(np.diff(stamps[:100_000]) == step) >= _EXACT:
+    if (
+        step in _STEPS_S
+        and not printed
+        and low in (0, step)
+        and np.mean(np.diff(stamps[:100_000]) == step) >= _EXACT
+    ):
         return "s"
     if high < _WEEK_MS and (step < _LONG_STEP_MS or in_minutes):
         return "ms"
     return "ns" if step >= 2e6 and high > 2.0**32 else "us"
+
+
+def _unit_by_period(stamps: Array, period: float | None) -> str:
+    """The unit in which even steps are the sample period, s, that the file states; "" where none is."""
+    ways = ((unit, _median_step(stamps) * SECONDS_PER_UNIT[unit]) for unit in _NEIGHBOURS if period)
+    return next((unit for unit, step in ways if abs(step - (period or 0.0)) <= 1e-6 * step), "")
 
 
 def _are_seconds_in_days(stamps: Array) -> bool:
@@ -587,9 +599,10 @@ def _about_stamps(rate: SampleRate, sure: str) -> list[str]:
     if rate.stamps == "bursts":
         return [f"the stamps come in bursts: samples were placed evenly in time, {said}"]
     if rate.stamps == "uneven" and np.isfinite(rate.error):
-        return [f"the stamps are uneven, {said}"]
+        said = f"the stamps are uneven, {said}"
+        return [Assumption(said) if rate.error > _UNSURE * rate.period else said]
     unsteady = f"the stamps show no steady rate: the sample period, {duration(rate.period)}, is the median step"
-    return [unsteady] if rate.stamps == "uneven" else []
+    return [Assumption(unsteady)] if rate.stamps == "uneven" else []
 
 
 def _about_pauses(time: Array, pauses: Indices, period: float, gaps: Gaps) -> list[str]:
@@ -660,7 +673,8 @@ def read_time(
     stamps, wrapped = unwrap(stamps, column)
     if column.kind == "number":
         stated = bool(unit or column.unit)
-        column = replace(column, unit=unit or column.unit or unit_by_magnitude(stamps))
+        unit = unit or column.unit or _unit_by_period(stamps, given.file)
+        column = replace(column, unit=unit or unit_by_magnitude(stamps, printed=column.printed))
         unit_words = column.unit + "s" * (column.unit in ("day", "year")) + " (assumed)" * (not stated)
     time, how = to_seconds(stamps, column, start, stated=stated)
     rate = find_rate(time)
@@ -689,18 +703,38 @@ def read_time(
     return TimeAxis(time, timing, pauses, backward, (*notes, *about), unit_words)
 
 
+_MOST_ADDED, _SPREAD, _GROWTH = 64, 0.45, 0.55
+"""How many steps are added up; the least spread of independent ones, of their mean, and of their sums."""
+
+
 def _no_time(rate: SampleRate) -> str | None:
     """Why the stamps give no time: their steps are of all sizes, three powers of ten or more, or not of a time."""
     if not PERIODS[0] <= rate.period <= PERIODS[1]:
         return f"the stamps are {rate.period:.3g} s apart, which is not a time"
     positive = rate.steps.all[rate.steps.all > 0]
-    if np.isfinite(rate.error) or positive.size < 20:
+    if positive.size < 20:
         return None
+    low, high = (duration(float(step)) for step in np.quantile(rate.steps.all, (0.1, 0.9)))
+    said = f"the stamps have no rate, as where only changes are logged (most steps lie between {low} and {high})"
+    if np.isfinite(rate.error):
+        may_be = rate.stamps in ("uneven", "bursts")
+        return said if may_be and _are_independent(np.delete(rate.steps.all, rate.pauses)) else None
     counts = np.unique(np.floor(np.log10(positive)), return_counts=True)[1]
     if int(np.count_nonzero(counts >= 0.05 * positive.size)) <= 2:
         return None
-    low, high = (duration(float(step)) for step in np.quantile(rate.steps.all, (0.1, 0.9)))
-    return f"the stamps have no rate, as where only changes are logged (most steps lie between {low} and {high})"
+    return said
+
+
+def _are_independent(steps: Array) -> bool:
+    """True where steps of many sizes add up as independent ones do: no later row makes up for a long one.
+
+    Of a steady sampling whose rows come late, k steps together miss their mean by no more than one alone does.
+    """
+    k, spread, usual = min(_MOST_ADDED, steps.size // 4), float(steps.std()), float(np.median(steps))
+    if np.mean(np.abs(steps - usual) <= 0.1 * usual) >= 0.5:
+        return False
+    sums = np.convolve(steps, np.ones(k), "valid")
+    return spread > _SPREAD * float(steps.mean()) and float(sums.std()) > _GROWTH * math.sqrt(k) * spread
 
 
 def counted_time(n: int, given: GivenPeriod, start: float | None = None) -> TimeAxis:

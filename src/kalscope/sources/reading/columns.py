@@ -26,6 +26,7 @@ from kalscope.sources.grammar.cells import (
     split_measure,
     words,
 )
+from kalscope.sources.grammar.line_format import SERIES_KEY
 from kalscope.sources.grammar.read_options import ReadOptions
 from kalscope.sources.grammar.timestamps import TimeColumn, is_stamp, is_weekday, month_of
 from kalscope.sources.reading.preface import Preface, find_preface
@@ -453,11 +454,11 @@ def mark_series(
         note = "each row holds one value, named by " + ", ".join(f'"{columns[i].name}"' for i in keys)
     else:
         found = (i for i in range(len(columns)) if i not in times and _is_key(i, columns, bases, rows, times))
-        keys, roles = list(islice(found, 1)), {}
+        tagged = [i for i, column in enumerate(columns) if column.name == SERIES_KEY]
+        keys, roles = tagged or list(islice(found, 1)), {}
         is_long, name = bool(keys), "".join(columns[i].name or f"column {i + 1}" for i in keys)
-        note = Assumption(
-            f'each row is of one of {len({row[i] for row in rows for i in keys})} sensors, by "{name}"'
-        )
+        note = f'each row is of one of {len({row[i] for row in rows for i in keys})} sensors, by "{name}"'
+        note = note if tagged else Assumption(note)
     if not is_long:
         return columns, []
     roles |= dict.fromkeys((*keys, *units), "series")
@@ -473,7 +474,8 @@ def _is_key(index: int, columns: list[Column], bases: list[str], rows: list[Cell
     role, named, keys = columns[index].role, bases[index] in _KEYS, [row[index] for row in rows]
     rest = any(c.role == "channel" for j, c in enumerate(columns) if j != index and j not in times)
     is_code = all(key.isdecimal() and len(key) <= 5 for key in keys)
-    if not rest or len(rows) < _MIN_KEYED_ROWS or not (role == "text" or (named and role == "channel" and is_code)):
+    is_text = role in ("text", "row name")
+    if not rest or len(rows) < _MIN_KEYED_ROWS or not (is_text or (named and role == "channel" and is_code)):
         return False
     is_date = not named and all(month_of(key) or is_weekday(key) for key in keys[:7])
     count = len(set(keys))

@@ -29,6 +29,8 @@ from kalscope.sources.reading.sniffer import MAX_STREAM_COLUMNS, Layout
 Kind = Literal["row", "rejected", "blank", "comment", "header", "text"]
 """How a line was read; "text" is prose, not an attempt at data: boot text, a program's log."""
 
+_PROSE = 4
+"""Words of a line without a digit that is no attempt at a row of a table."""
 TAIL_LINES = 64
 """Rows before a last line without newline by which it is judged."""
 
@@ -96,7 +98,9 @@ class LineReader:
             try:
                 rows = self._rows(text)
             except _Fault as fault:
-                return rejected(number, text, str(fault))
+                if self._form.kind != "table" or len(text.split()) < _PROSE or any(map(str.isdigit, text)):
+                    return rejected(number, text, str(fault))
+                kind = "text"
         kind = kind or ("text" if rows is None else "row")
         return LineEvent(
             number, kind, text[:MAX_ISSUE_LENGTH], rows or (), tuple(self._issues), tuple(self._missing)

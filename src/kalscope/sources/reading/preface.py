@@ -84,7 +84,8 @@ _RATE = r"""
 """
 _INTERVAL = r"""
     (?:sampl(?:e|ing)[ ]?|log(?:ging)?[ ]|recording[ ]|measurement[ ]|epoch[ ])(?:interval|period|length)
-    |time[ ]?step|dt|delta[ -]t|(?:time[ ]|x[ ]?)?increment|interval|x[ ]?inc|tinc|(?:abtast|mess)?intervall
+    |sample[ ]?time|time[ ]?step|dt|delta[ -]t|(?:time[ ]|x[ ]?)?increment|interval|x[ ]?inc|tinc
+    |(?:abtast|mess)?intervall
 """
 _HERTZ = {
     **{

@@ -452,12 +452,16 @@ def widened(table: list[Array], tally: Tally, layout: Layout, part: str | None, 
         notes = (*notes, f"names without numbers: {_listed(silent, _MAX_LISTED)}")
     group, places = groups[chosen]
     columns, data = list[Column](), list[Array]()
+    named = len(measures) == 1 or len(tally.series) > 1
     for code in group:
         here = codes == code
         for measure, values in measures:
+            if np.isnan(values[here]).all():
+                continue  # measured by others only
             data.append(np.full(len(places), np.nan))
             data[-1][np.searchsorted(places, keys[here])] = values[here]
-            columns.append(_of_series(described[code], measure, single=len(measures) == 1))
+            column = _of_series(described[code], measure, single=len(measures) == 1)
+            columns.append(column if named else measure)
     names = distinct_names([column.name for column in columns])
     columns = [replace(column, name=one) for column, one in zip(columns, names, strict=True)]
     time = None

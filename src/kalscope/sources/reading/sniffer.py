@@ -339,6 +339,8 @@ MAX_STREAM_COLUMNS = MAX_COLUMNS - 1
 """Columns of a stream: its recording holds the time at which each line came as well, and is read as a file."""
 
 _TELEPLOT_TIME = Column("time", "ms")
+_SPECTRUM = re.compile(r"spectr(?:um|al|o)|wave(?:length|number)|raman", re.IGNORECASE)
+"""Above a table without names: what rises evenly is no time."""
 
 
 @dataclass(frozen=True)
@@ -429,7 +431,11 @@ def _layout(
         stamps = {line.number: line.stamp for line in lines}
         cells = [(stamps[number], *row) for number, row in body.rows]
         columns.insert(0, Column("time", (split_measure(cells[0][0]) or ("", ""))[1]))
-    time = _find_time(columns, cells, table, header, plan)
+    time = _find_time(
+        columns, cells, table, header, plan, spectrum=any(map(_SPECTRUM.search, head[: body.first - 1]))
+    )
+    if time is not None and (table.form.stamped or not is_table):
+        time = replace(time, printed=True)
     columns, about_series = mark_series(columns, cells, time, table.form.decimal)
     named = [column.name for column in columns]
     columns, time, about_columns = settle_roles(columns, time)
@@ -490,11 +496,11 @@ def _described(
 
 
 def _find_time(
-    columns: list[Column], rows: list[Cells], table: HeadTable, header: Header, plan: Plan
+    columns: list[Column], rows: list[Cells], table: HeadTable, header: Header, plan: Plan, *, spectrum: bool
 ) -> TimeColumn | None:
     choice = plan.preface.time_column if plan.options.time_column is None else plan.options.time_column
     decimal, labels = table.form.decimal, header.rows[-1][1] if header.rows else ()
-    named = bool(header.rows) or all(column.name for column in columns)
+    named = spectrum or bool(header.rows) or all(column.name for column in columns)
     if choice is None and columns[0] == _TELEPLOT_TIME and table.form.kind == "teleplot":
         return TimeColumn(0, "number", "ms")
     # A field that was added later cannot be the time of the rows before.

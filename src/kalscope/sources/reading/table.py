@@ -376,8 +376,10 @@ def candidate_lines(head: Sequence[str], after: int = 0) -> tuple[list[HeadLine]
     some = first_of_each_shape(lines)
     stamped = {shape for shape, texts in some.items() if split_stamp(texts[0])}
     is_stamped = sum(line.shape in stamped for line in lines) > len(lines) / 2
+    split = [(line, split_stamp(line.text)) for line in lines] if is_stamped else []
+    stamps = {parts[0] for _, parts in split if parts is not None}
+    is_stamped = len(stamps) > 1 or len(split) == 1  # the 64 of `64 bytes from 10.0.0.1: time=12 ms` is none
     if is_stamped:
-        split = [(line, split_stamp(line.text)) for line in lines]
         lines = [head_line(line.number, parts[1], parts[0]) for line, parts in split if parts is not None]
     sums = [(line, split_checksum(line.text)) for line in lines]
     right = {line.number for line, parts in sums if parts and parts[1] == parts[2]}

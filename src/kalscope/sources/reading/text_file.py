@@ -5,6 +5,7 @@ from __future__ import annotations
 import codecs
 import hashlib
 import io
+import json
 import re
 import zlib
 from collections.abc import Callable, Generator, Iterable, Iterator
@@ -86,7 +87,6 @@ _HEAD = 1 << 16
 """Bytes that are looked at to find out whether a file is text or binary."""
 _NUL_RUN = re.compile(rb"\0{16,}")
 """So many NULs in a row are a part of the file that was never written, as on a card that lost power."""
-_NMEA = re.compile(rb"^\$[A-Z]{2}(?:GGA|RMC),[0-9]{6}", re.MULTILINE)
 _MAX_CONTROL = 0.1
 """Largest share of control bytes in a text file, as from a noisy wire."""
 _CONTROL = re.compile(rb"[\x00-\x08\x0b\x0e-\x1f]")
@@ -224,34 +224,78 @@ def _is_utf8(path: Path, progress: Progress) -> bool:
 def unusual_marks(raw: RawFile) -> tuple[str, ...]:
     """Sentences about what `plain_lines` has to repair, judged by the head; usually none."""
     escapes = "control sequences of a terminal were left out"
-    nmea = "of NMEA, GGA gives the altitude and RMC the speed, both the clock; other sentences are comments"
-    return (escapes,) * (ESCAPE.encode() in raw.head) + (nmea,) * _is_nmea(raw.head)
+    said = [what for what, (begin, _) in _REWRITTEN.items() if begin.search(raw.head)]
+    return (*(escapes,) * (ESCAPE.encode() in raw.head), *said[:1])
 
 
-def _is_nmea(head: bytes) -> bool:
-    return (b"GGA," in head or b"RMC," in head) and _NMEA.search(head) is not None
-
-
-def _position(line: str) -> str:
+def _positions(lines: Iterator[str]) -> Iterator[str]:
     """`09:30:00.00 -> altitude:431.0 m,satellites:8` of a GGA sentence of NMEA, speed and course of an RMC."""
-    parts = split_checksum(line)
-    if not line.startswith("$") or parts is None or parts[1] != parts[2]:
-        return line
-    cells = parts[0].split(",")
-    kind, clock = cells[0][2:], cells[1] if len(cells) > 9 else ""
-    if kind not in ("GGA", "RMC") or len(clock) < 6:
-        return f"# {line}"
-    first = f"altitude:{cells[9]} m,satellites:{cells[7]}"
-    said = first if kind == "GGA" else f"speed:{cells[7]} kn,course:{cells[8]}"
-    return f"{clock[:2]}:{clock[2:4]}:{clock[4:]} -> {said}\n"
+    for line in lines:
+        parts = split_checksum(line)
+        if not line.startswith("$") or parts is None or parts[1] != parts[2]:
+            yield line
+            continue
+        cells = parts[0].split(",")
+        kind, clock = cells[0][2:], cells[1] if len(cells) > 9 else ""
+        if kind not in ("GGA", "RMC") or len(clock) < 6:
+            yield f"# {line}"
+            continue
+        first = f"altitude:{cells[9]} m,satellites:{cells[7]}"
+        said = first if kind == "GGA" else f"speed:{cells[7]} kn,course:{cells[8]}"
+        yield f"{clock[:2]}:{clock[2:4]}:{clock[4:]} -> {said}\n"
+
+
+def _documents(lines: Iterator[str]) -> Iterator[str]:
+    """Each document of YAML as an object of JSON in place of the `---` that ends it; its lines are left empty."""
+    keys, values = list[tuple[int, str]](), dict[str, str]()
+    for line in lines:
+        match = _KEY.fullmatch(line.rstrip())
+        if match is not None:
+            while keys and keys[-1][0] >= len(match[1]):
+                keys.pop()
+            keys.append((len(match[1]), match[2]))
+            if match[3]:
+                values[".".join(key for _, key in keys)] = match[3].strip("'\"")
+        ends = line.startswith("---")
+        yield json.dumps(values) + "\n" if ends and values else "\n"
+        values = {} if ends else values
+
+
+def _tuples(lines: Iterator[str]) -> Iterator[str]:
+    """`id,time,temp` of `INSERT INTO logs (id, time, temp) VALUES (1, '09:00', 21.5);`, and `1, '09:00', 21.5`."""
+    names, above = "", ""
+    for line in lines:
+        head, statement, held = line.partition("VALUES")
+        held = held if statement else line
+        names = names or (head.partition("(")[2].partition(")")[0].translate(_BARE_NAMES) if statement else "")
+        rows = [row.replace("'", '"') for row in _TUPLE.findall(held)]
+        yield names + "\n" if names and not above else ""
+        above = names
+        yield "".join(f"{row}\n" for row in rows) or f"# {line}"
+
+
+_KEY = re.compile(r"( {0,40})(?:- )?([A-Za-z_][\w/-]{0,60}):(?: {1,20}(\S.*))?")
+_BARE_NAMES = str.maketrans("", "", "`[]")
+_TUPLE = re.compile(r"\(((?:[^()']|'[^']*'){1,4000})\)[,;\s]")
+_REWRITTEN: dict[str, tuple[re.Pattern[bytes], Callable[[Iterator[str]], Iterator[str]]]] = {
+    "of NMEA, GGA gives the altitude and RMC the speed, both the clock; other sentences are comments": (
+        re.compile(rb"^\$[A-Z]{2}(?:GGA|RMC),[0-9]{6}", re.MULTILINE),
+        _positions,
+    ),
+    "each document of YAML is a row": (
+        re.compile(rb"^[a-z_]+:.*\n(?:[ a-z_]+:.*\n){1,400}---\n", re.M),
+        _documents,
+    ),
+    "the rows that INSERT statements of SQL hold": (re.compile(rb"^INSERT INTO .* VALUES", re.MULTILINE), _tuples),
+}
+"""What is written as labels, objects or rows before it is read: a sentence, how it is known, what rewrites it."""
 
 
 def plain_lines(raw: RawFile, encoding: str) -> Iterator[str]:
-    """The lines without control sequences of a terminal, and NMEA as labels."""
-    rewritten: Callable[[str], str] = _position if _is_nmea(raw.head) else str
+    """The lines without control sequences of a terminal, NMEA, documents and statements as rows."""
+    rewritten = next((way for begin, way in _REWRITTEN.values() if begin.search(raw.head)), iter)
     with raw.path.open("rb") as file, open_text(file, encoding) as lines:
-        for line in iter(lambda: read_line(lines), ""):
-            yield rewritten(without_escapes(line))
+        yield from rewritten(without_escapes(line) for line in iter(lambda: read_line(lines), ""))
 
 
 def sample_lines(raw: RawFile, encoding: str) -> list[str]:

@@ -38,6 +38,7 @@ from kalscope.sources.reading.columns import Cells, Column
 _TIME_WORDS = words(
     """
     time times timestamp timestamps stamp tstamp ts datetime date dates elapsed uptime epoch unixtime clock timer
+    tick ticks
     zeit uhrzeit zeitstempel datum tiempo fecha hora heure horodatage tempo yyyymmdd
     tow
     """
@@ -303,11 +304,16 @@ def unnamed_time(columns: list[Column], rows: list[Cells], decimal: str, *, name
     for i in {0, *channels}:
         form = find_stamp_form([row[i] for row in rows], decimal)
         if form is not None:
-            form = replace(form, index=i, unit=UNIT_OF_WORD.get(columns[i].unit.strip().lower(), ""))
+            said = [columns[i].unit, *([] if i else [columns[i].name])]  # a first column `Min`, of HPLC
+            units = [unit for text in said if (unit := UNIT_OF_WORD.get(text.strip().lower()))]
+            form = replace(form, index=i, unit=next(iter(units), ""))
             stamps = stamps_of(form, rows, decimal)
             read[i] = form, stamps[np.isfinite(stamps)]
-    may_lead = not named or UNIT_OF_WORD.get(columns[0].unit.strip().lower())
-    may_lead = may_lead or any(column.unit or column.name.lower().startswith("ch") for column in others)
+    may_lead = (
+        not named
+        or (0 in read and read[0][0].unit)
+        or any(column.unit or column.name.lower().startswith("ch") for column in others)
+    )
     all_rise = all(i in read and bool(np.all(np.diff(read[i][1]) > 0)) for i in channels)
     found: list[Weighed] = []
     for i, (form, stamps) in read.items():
@@ -326,7 +332,11 @@ def unnamed_time(columns: list[Column], rows: list[Cells], decimal: str, *, name
             ),  # a burst may share one
         )
         found += [(points, form) for points, holds in rules if holds]
-    return max(found, key=lambda one: one[0], default=(0, None))[1]
+    points, best = max(found, key=lambda one: one[0], default=(0, None))
+    if best is None or best.unit or points not in (2, 3):
+        return best
+    note = f"column {best.index + 1} is the time, because it rises evenly; if not: --time-column none"
+    return replace(best, notes=(*best.notes, Assumption(note)))
 
 
 def _is_ramp(stamps: Array) -> bool:
