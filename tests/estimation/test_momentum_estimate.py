@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import math
+import runpy
+from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.stats import binom
+from tests.support.effort import FUZZ
 from tests.support.signals import moving
 
 from kalscope import BadSetting, FilterParams, estimate, kalman_filter
@@ -134,3 +138,37 @@ def test_progress_rises_a_cancel_stops_and_a_momentum_out_of_range_is_refused(re
     calls = iter(range(12))
     with pytest.raises(Cancelled):
         estimate(record, cancelled=lambda: next(calls, 99) == 99)
+
+
+# --- coverage on simulated truth, and walks without momentum; benchmarks/ has the full runs --------------
+
+RUNS = 20 * FUZZ
+UNLIKELY = 1e-3
+"""Chance at which a count outside the promised shares is taken for a fault and not for luck."""
+
+
+@pytest.fixture(scope="module")
+def benchmark():
+    return runpy.run_path(str(Path(__file__).parents[2] / "benchmarks" / "momentum_coverage.py"))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("n", [300, 1500])
+def test_the_intervals_cover_the_truth(benchmark, n):
+    """Over all τ together: 60 runs can tell 95 % from 67 %, a single τ hardly; 98 % only `make soak` can."""
+    rows = [benchmark["coverage"](truth, n, RUNS) for truth in benchmark["TRUTHS"]]
+    count = RUNS * len(rows)
+    for name in ("q", "r", "tau"):
+        covered = round(sum(RUNS * getattr(row, name) for row in rows))
+        assert binom.cdf(covered, count, 0.92) > UNLIKELY, (name, covered, count)
+        assert binom.sf(covered - 1, count, 0.98) > UNLIKELY, (name, covered, count)
+
+
+@pytest.mark.slow
+def test_the_intervals_cover_the_truth_where_the_choice_is_uncertain_and_random_walks_get_no_momentum(benchmark):
+    chosen, *shares = benchmark["uncertain_choice"](RUNS)
+    assert 0.0 < chosen < 1.0
+    for share in shares:
+        assert binom.cdf(round(RUNS * share), RUNS, 0.92) > UNLIKELY
+    found = round(RUNS * benchmark["false_momentum"](RUNS))
+    assert binom.sf(found - 1, RUNS, 0.02) > UNLIKELY

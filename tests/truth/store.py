@@ -13,8 +13,7 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parents[2]))
 
-from tests.truth.truth_cases import HERE, ROOTS, SETS, groups_of, stored
-from tests.truth.truth_differences import changes
+from tests.truth.truth_cases import HERE, ROOTS, SETS, changes, groups_of, stored
 
 
 def store(name: str) -> None:

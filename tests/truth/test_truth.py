@@ -9,8 +9,7 @@ from itertools import islice
 
 import pytest
 from tests.support.effort import FUZZ
-from tests.truth.truth_cases import ROOTS, SETS, groups_of, stored
-from tests.truth.truth_differences import changes
+from tests.truth.truth_cases import ROOTS, SETS, changes, groups_of, stored
 
 NO_DATA = pytest.mark.skipif(not ROOTS["shared"].is_dir(), reason="shared/data is not beside the repository")
 FAST = ("exports", "words")

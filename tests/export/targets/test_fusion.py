@@ -10,8 +10,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import yaml
-from tests.export.esphome import esphome
 from tests.support.exported_program import FUSED, build, program
 from tests.support.required import node
 from tests.support.waiting import PATIENCE
@@ -221,19 +219,6 @@ def test_one_sensor_on_a_board_is_the_single_filter():
         single = FilterParams(0.09, 1.0, **start)
         one = replace(CASES["one"], **start).params
         np.testing.assert_array_equal(filter_float32(z, one), filter_float32(z[:, 0], single))
-
-
-# ---- parameters
-
-
-@pytest.mark.parametrize("fusion", [PAIR, replace(CASES["gains"], gate=None)], ids=["raw", "scaled"])
-def test_esphome_fuses_as_we_do_within_float32(fusion):
-    (text,) = export_tuning(tuned(fusion), "esphome").values()
-    sensors = yaml.safe_load(text)["sensor"]
-    assert (sensors[-1]["platform"], sensors[-1]["type"]) == ("combination", "kalman")
-    assert (sensors[-1]["id"], sensors[-1]["name"]) == (fusion.name, fusion.name)
-    z = readings(4, fusion)
-    np.testing.assert_allclose(esphome(sensors, z), fuse(z, fusion.params).x, rtol=1e-5)
 
 
 # ---- what is refused

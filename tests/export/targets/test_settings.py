@@ -13,9 +13,10 @@ from itertools import accumulate, pairwise
 import numpy as np
 import pytest
 import yaml
+from ruamel.yaml import YAML
 from scipy.signal import lfilter
 
-from kalscope import BadSetting, ChannelTuning, Recording, Tuning, denoise, export_tuning
+from kalscope import BadSetting, ChannelTuning, Recording, Tuning, denoise, export_tuning, fuse, kalman_filter
 from kalscope.export.settings import settings_of
 from kalscope.filtering.classic import (
     Butterworth,
@@ -208,3 +209,59 @@ def test_a_chain_gives_its_own_filter_and_another_one_its_lag():
 def test_what_cannot_be_a_setting_is_refused(target, one, period, message):
     with pytest.raises(BadSetting, match=message):
         text_of(target, one, period)
+
+
+# ---- the Kalman filter of ESPHome
+
+
+def esphome_kalman(sensors, z):
+    """Its answers to readings, shape (n, sources): those of a row come one after the other, a row every 10 ms.
+
+    The last of `sensors` is the Kalman filter; the others are scaled copies of its sources.
+    """
+    f, copies = np.float32, {one["source_id"]: one["filters"] for one in sensors[:-1]}
+    sources = [
+        (f(one["error"]), copies.get(one["source"].removesuffix("_scaled"))) for one in sensors[-1]["sources"]
+    ]
+    per_row = f(sensors[-1]["process_std_dev"]) * f(sensors[-1]["process_std_dev"]) * f(0.001) * f(10)
+    x, p, answers = f(math.nan), f(math.inf), []
+    for row in z:
+        waited = False
+        for value, (error, filters) in zip(map(f, row), sources, strict=True):
+            if math.isnan(value):
+                continue
+            if filters:
+                value = (value + f(filters[0]["offset"])) * f(filters[1]["multiply"])  # noqa: PLW2901
+            r = error * error
+            if math.isnan(x):
+                x, p, waited = value, r, True
+                continue
+            p, waited = p if waited else p + per_row, True
+            first, second, a, b = (x, value, p, r) if p < r else (value, x, r, p)
+            x, p = first + a * (second - first) / (a + b), a - a * a / (a + b)
+        if not waited and not math.isnan(x):
+            p = p + per_row
+        answers.append(x)
+    return np.array(answers, dtype=np.float64)
+
+
+PAIR = ChannelTuning("level", "cm", 0.09, (1.0, 0.25), sensors=("sonar", "float"))
+SCALED = ChannelTuning("tilt", "", 0.09, (1.0, 16.0, 0.01), sensors=("a", "b", "c"), offset=(0.5, -3.0, 0.0))
+ESPHOME = [ChannelTuning("tiny", "V", 1e-14, 1e-12), ChannelTuning("large", "Pa", 1e8, 1e10)]
+ESPHOME += [ChannelTuning("r0", "V", 2.0, 0.0), KALMAN, PAIR, replace(SCALED, gain=(1.0, -4.1, 0.01))]
+
+
+@pytest.mark.parametrize("load", [yaml.safe_load, YAML(typ="safe", pure=True).load])
+@pytest.mark.parametrize("one", ESPHOME, ids=[one.name for one in ESPHOME])
+def test_esphome_numbers_make_its_filter_ours_within_float32(one, load):
+    rng, several = np.random.default_rng(4), bool(one.sensors)
+    tuning = Tuning((KALMAN,), sample_period=0.01, fusion=one) if several else tuned(one, 0.01)
+    sensors = load(*export_tuning(tuning, "esphome").values())["sensor"]
+    assert (sensors[-1]["platform"], sensors[-1]["type"]) == ("combination", "kalman")
+    noise = np.sqrt(np.atleast_1d(one.r))
+    x = np.cumsum(math.sqrt(one.q) * rng.normal(size=(300, 1)), axis=0)
+    z = np.array(one.offset or 0.0) + np.array(one.gain or 1.0) * x + noise * rng.normal(size=(300, len(noise)))
+    z[rng.random(z.shape) < 0.1] = z[:2] = np.nan
+    ours = (fuse(z, one.params) if several else kalman_filter(z[:, 0], one.params)).x
+    near = 1e-5 * np.nanmax(np.abs(ours))
+    np.testing.assert_allclose(esphome_kalman(sensors, z), ours, rtol=0.0, atol=near)

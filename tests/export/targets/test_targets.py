@@ -15,9 +15,6 @@ from itertools import cycle
 
 import numpy as np
 import pytest
-import yaml
-from ruamel.yaml import YAML
-from tests.export.esphome import esphome
 from tests.support.exported_program import build, program
 from tests.support.required import node
 from tests.support.waiting import PATIENCE
@@ -283,20 +280,6 @@ def test_javascript_is_the_same_filter_in_node(either, tmp_path):
     (tmp_path / "main.mjs").write_text(JAVASCRIPT_DRIVER)
     out = run(node(), "main.mjs", stdin=lines_of(either.recording), cwd=tmp_path)
     assert_same(out, either)
-
-
-@pytest.mark.parametrize("load", [yaml.safe_load, YAML(typ="safe", pure=True).load])
-def test_esphome_numbers_make_its_filter_ours_within_float32(shared, load):
-    for name in ("diffuse", "holes", "late diffuse", "r zero", "tiny", "large"):
-        (text,) = export_tuning(shared.tuning, "esphome", channel=name).values()
-        i, channel, (sensor,) = shared.recording.index(name), shared.tuning.channel(name), load(text)["sensor"]
-        assert (sensor["platform"], sensor["type"]) == ("combination", "kalman")
-        (source,) = sensor["sources"]
-        assert sensor["process_std_dev"] ** 2 * 0.01 == pytest.approx(channel.q, rel=1e-15)
-        assert source["error"] ** 2 == pytest.approx(channel.r, rel=1e-15)
-        z = shared.recording.values[:, i]
-        x = esphome([sensor], z[:, None])
-        np.testing.assert_allclose(x, shared.x[:, i], rtol=0.0, atol=3e-6 * np.nanmax(np.abs(z)))
 
 
 @pytest.mark.parametrize(
