@@ -12,15 +12,8 @@ from scipy.signal import lfilter
 
 from kalscope import FilterParams, denoise, estimate, ratio_for, steady_state
 from kalscope.errors import BadSetting
-from kalscope.estimation.request import (
-    HARDLY,
-    TARGETS,
-    Noise,
-    Request,
-    find_parameters,
-    proposed_lag,
-    starting_params,
-)
+from kalscope.estimation import request
+from kalscope.estimation.request import Noise, Request, find_parameters
 from kalscope.estimation.settings import momentum_gain, movement_lost, movement_of, noise_left
 
 N, PERIOD = 2000, 0.02
@@ -114,9 +107,9 @@ def test_every_record_has_a_filter_and_its_reason(reason):
     found = find_parameters(z, sample_period=PERIOD)
     assert (found.reason, found.message[-1], "came" in found.message) == (reason, ".", False)
     assert min(found.params.q, found.params.r) > 0.0
-    assert noise_left(found.params) < HARDLY
+    assert noise_left(found.params) < request.HARDLY
     assert np.isfinite(denoise(z, found.params)).sum() >= np.isfinite(z).sum()
-    assert starting_params(z) == found.params
+    assert request.starting_params(z) == found.params
 
 
 def test_movement_lost_is_one_minus_the_response_of_the_filter():
@@ -136,7 +129,7 @@ def test_the_settings_lose_what_they_say_and_a_lag_is_proposed_that_is_not_slowe
     assert found.lost == pytest.approx(0.1, rel=0.02)
     for ratio in (1e-4, 1e4):
         present = FilterParams(ratio, 1.0)
-        assert proposed_lag(found.costs, present) <= steady_state(present).lag_samples
+        assert request.proposed_lag(found.costs, present) <= steady_state(present).lag_samples
 
 
 def test_a_code_for_no_echo_neither_starts_nor_moves_the_filter_and_a_step_is_followed_at_once():
@@ -210,7 +203,7 @@ def ask(z, **options):
 @pytest.mark.slow
 @pytest.mark.parametrize("known", KNOWN)
 @pytest.mark.parametrize("ratio", [None, 0.01])
-@pytest.mark.parametrize("target", [None, *TARGETS])
+@pytest.mark.parametrize("target", [None, *request.TARGETS])
 def test_a_wish_fixes_the_ratio_the_noise_fixes_r_and_the_rest_is_estimated(target, ratio, known):
     noise, r = KNOWN[known]
     asked = {target: WISHED[target]} if target else None
@@ -271,7 +264,7 @@ def test_contradictions_and_numbers_out_of_range_are_refused(asked, says):
         ask(Z, **asked)
 
 
-@pytest.mark.parametrize("target", TARGETS)
+@pytest.mark.parametrize("target", request.TARGETS)
 def test_at_an_edge_a_wish_still_gives_its_filter(target):
     for verdict in ("medium", "slow", "constant", "too_few"):
         found = ask(RECORDS[verdict], target={target: WISHED[target]})

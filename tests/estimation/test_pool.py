@@ -8,20 +8,11 @@ import numpy as np
 import pytest
 
 from kalscope import BadSetting, FilterParams, estimate, kalman_filter
+from kalscope.estimation import pool
 from kalscope.estimation.fit import estimate_fixed_ratio
 from kalscope.estimation.likelihood import differences
 from kalscope.estimation.many import estimate_many, series_of
-from kalscope.estimation.pool import (
-    LOG_RATIOS,
-    Pool,
-    fit_pool,
-    held_out,
-    held_out_at,
-    outliers,
-    pool_at,
-    pool_of,
-    share_served,
-)
+from kalscope.estimation.pool import fit_pool, held_out, held_out_at, pool_at, pool_of
 
 
 def fleet(devices, samples, q=0.01, r=1.0, seed=1):
@@ -90,7 +81,7 @@ def test_a_chosen_ratio_gets_the_noise_that_fits_it_and_what_has_none_is_refused
     assert found.r == pytest.approx(math.exp(np.mean([math.log(one.r) for one in each])), rel=1e-7)
     assert found.loglik == pytest.approx(sum(one.loglik for one in each), rel=1e-8)
     with pytest.raises(BadSetting, match="at least one"):
-        fit_pool(Pool.empty())
+        fit_pool(pool.Pool.empty())
     with pytest.raises(BadSetting, match="ratio must be"):
         pool_at(pool_of(series_of(uneven(2))), 0.0)
 
@@ -122,7 +113,7 @@ def test_the_errors_are_those_of_the_filter_itself():
     for i, z in enumerate(rows):
         own = estimate(z[:150], momentum=0.0, robust=False).ratio
         own_error = prediction_error(z, max(own, 1e-300))
-        wanted = [prediction_error(z, math.exp(at)) / own_error for at in LOG_RATIOS]
+        wanted = [prediction_error(z, math.exp(at)) / own_error for at in pool.LOG_RATIOS]
         np.testing.assert_allclose(growth[i], wanted, rtol=1e-9)
 
 
@@ -152,9 +143,9 @@ def test_devices_like_the_fleet_are_served_and_others_are_not():
     rows = fleet(100, 600, np.append(np.full(90, 0.01), np.full(10, 10.0)))
     growth = held_out_at(held_out(series_of(rows)), 0.01) - 1.0
     assert set(np.flatnonzero(growth > 0.1)) == set(range(90, 100))
-    assert share_served(growth) == 0.9
-    assert share_served(growth, within=100.0) == 1.0
-    assert share_served([math.nan]) == 1.0
+    assert pool.share_served(growth) == 0.9
+    assert pool.share_served(growth, within=100.0) == 1.0
+    assert pool.share_served([math.nan]) == 1.0
 
 
 @pytest.mark.slow
@@ -169,7 +160,7 @@ def test_a_fleet_of_like_devices_names_as_many_by_chance_as_it_says(samples, q):
                 value, *ends = np.log(
                     [np.where(getattr(table, name) > 0.0, getattr(table, name), np.nan), low, high]
                 )
-            scores = outliers(value, tuple(ends), expected=1.0)
+            scores = pool.outliers(value, tuple(ends), expected=1.0)
             named[name] += len(scores.devices)
     assert all(count <= 14 for count in named.values()), named  # 6 expected; more than 14 once in 1000
 
@@ -177,14 +168,14 @@ def test_a_fleet_of_like_devices_names_as_many_by_chance_as_it_says(samples, q):
 def test_an_uncertain_value_is_less_unlike():
     values = np.append(np.random.default_rng(3).standard_normal(100), [9.0, 9.0])
     wide = np.append(np.full(101, 0.1), 20.0)
-    scores = outliers(values, (values - wide, values + wide), 0.05)
+    scores = pool.outliers(values, (values - wide, values + wide), 0.05)
     assert scores.devices.tolist() == [100]
     assert 0.0 < scores.z[101] < 1.0 < scores.z[100]
 
 
 def test_equal_missing_and_few_values_are_no_alarm():
     def exact(*values):
-        return outliers(np.array(values), (np.array(values), np.array(values)), 0.05)
+        return pool.outliers(np.array(values), (np.array(values), np.array(values)), 0.05)
 
     assert exact(*[3.0] * 20, 4.0).devices.tolist() == [20]
     for same in (exact(*[3.0] * 20), exact(*range(20), math.nan), exact()):

@@ -18,16 +18,8 @@ from scipy.signal import lfilter
 
 from kalscope import BadSetting, ChannelTuning, Recording, Tuning, denoise, export_tuning, fuse, kalman_filter
 from kalscope.export.settings import settings_of
-from kalscope.filtering.classic import (
-    Butterworth,
-    Chain,
-    Exponential,
-    Median,
-    MovingAverage,
-    Notch,
-    OneEuro,
-    bench_of,
-)
+from kalscope.filtering import classic
+from kalscope.filtering.classic import Butterworth, Chain, Exponential, Median, MovingAverage, Notch, OneEuro
 from kalscope.filtering.steady import steady_state
 
 PERIOD = 0.02
@@ -180,7 +172,7 @@ def test_one_euro_has_the_lag_of_the_filter_on_the_recording():
     np.testing.assert_allclose(rows["filtered"], run(z)[: len(rows)], atol=0.02)
     assert np.isnan(rows["gain"]).all()
     lag = steady_state(KALMAN.params).lag_samples
-    assert bench_of(z, denoise(z, KALMAN.params), lag).lag(run) == pytest.approx(lag, rel=0.02)
+    assert classic.bench_of(z, denoise(z, KALMAN.params), lag).lag(run) == pytest.approx(lag, rel=0.02)
 
 
 def test_a_chain_gives_its_own_filter_and_another_one_its_lag():
