@@ -17,19 +17,15 @@ def make_labelled(rng: Random) -> Case:
     """A log of named values, with or without time."""
     n, width = rng.randint(30, 120), rng.randint(1, 4)
     style = rng.choice(["colon", "equals", "json"])
-    case = Case({"n": n, "style": style})
-    case.names = tuple(rng.sample(NAMES, width))
-    case.units = ("",) * width
+    case = Case(names=tuple(rng.sample(NAMES, width)), units=("",) * width)
     texts = [[f"{20 + rng.gauss(0, 4):.2f}" for _ in case.names] for _ in range(n)]
     case.values = np.array([[float(text) for text in row] for row in texts])
     clock = rng.choice(["none", "t", "ms", "date"])
     step = rng.choice(STEPS)
     if clock != "none":
-        seconds = np.arange(n) * step / 1000
-        case.stamps = Stamps(clock, "even", (), (), seconds, step / 1000)
         case.period = step / 1000
+        case.stamps = Stamps("even", (), (), np.arange(n) * case.period, case.period)
     between = rng.choice([", ", ",", "\t", " "])
-    case.dialect |= {"clock": clock, "step": step, "between": between}
     lines = [line(case, style, clock, between, texts[i], i * step) for i in range(n)]
     finish(rng, case, lines, () if style == "json" else ("comments",))
     return case

@@ -20,8 +20,6 @@ Columns = tuple[tuple[str, ...], tuple[tuple[str, ...], ...]]
 class Stamps:
     """The time columns of one log."""
 
-    form: str
-    """Its name, for messages."""
     shape: str
     """"even", "jitter", "pause", "burst" or "coarse"."""
     names: tuple[str, ...]
@@ -68,7 +66,7 @@ def make_stamps(rng: Random, n: int, delimiter: str, decimal: str, *, named: boo
     if form == "minutes":
         start = start.replace(minute=0)
     names, cells = written(rng, form, start, micros, decimal, delimiter)
-    return Stamps(form, shape, names, cells, (micros - micros[0]) / 1e6, period)
+    return Stamps(shape, names, cells, (micros - micros[0]) / 1e6, period)
 
 
 def sample_times(rng: Random, n: int, resolution: int, shape: str, *, daily: bool) -> tuple[np.ndarray, float]:

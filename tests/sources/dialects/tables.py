@@ -36,8 +36,11 @@ Words = tuple[str, ...]
 class Case:
     """One log and its right reading."""
 
-    dialect: dict[str, object]
-    """What was chosen, for messages."""
+    delimiter: str = ","
+    quoted: bool = False
+    """Whether all cells are in quotes."""
+    counter: bool = False
+    """Whether a column numbers the rows."""
     data: bytes = b""
     """The file."""
     names: Words = ()
@@ -61,12 +64,11 @@ def make_table(rng: Random) -> Case:
     comma = rng.random() < (0.4 if delimiter in ";\t" else 0.15) and (delimiter != "," or quoted)
     decimal = "," if comma else "."
     width = max(width, 2) if comma or not header or delimiter == "," else width
-    case = Case({"n": n, "delimiter": delimiter, "decimal": decimal, "header": header, "quoted": quoted})
+    case = Case(delimiter, quoted)
     if rng.random() < 0.8:
         case.stamps = make_stamps(rng, n, delimiter, decimal, named=header)
         case.period = case.stamps.period
-        case.dialect |= {"form": case.stamps.form, "shape": case.stamps.shape, "time": case.stamps.cells[0]}
-    cells = samples(rng, case, n, width, delimiter, decimal)
+    cells = samples(rng, case, n, width, decimal)
     columns = list(map(list, zip(*cells, strict=True)))
     names, units, labels = headings(rng, width, delimiter, header)
     case.names, case.units = (names if header else ()), units
@@ -83,24 +85,23 @@ def make_table(rng: Random) -> Case:
         heads.append("state")
         unit_cells.append("")
         columns.append([rng.choice(STATES) for _ in range(n)])
-        case.dialect["text"] = True
     if header and rng.random() < 0.12:
         heads.insert(0, rng.choice(["seq", "RECORD", "index", "#"]) if delimiter != " " else "seq")
         unit_cells.insert(0, "")
         columns.insert(0, [str(i + 1) for i in range(n)])
-        case.dialect["counter"] = True
+        case.counter = True
     rows = [list(row) for row in zip(*columns, strict=True)]
-    lines = table_lines(rng, case, rows, heads if header else None, unit_cells if unit_row else None, quoted=quoted)
+    lines = table_lines(rng, case, rows, heads if header else None, unit_cells if unit_row else None)
     finish(rng, case, lines)
     return case
 
 
-def samples(rng: Random, case: Case, n: int, width: int, delimiter: str, decimal: str) -> Cells:
+def samples(rng: Random, case: Case, n: int, width: int, decimal: str) -> Cells:
     """Cells of the channels; the values they mean go into the case."""
     case.values = np.empty((n, width))
     cells = [[""] * width for _ in range(n)]
     thousands = "." if decimal == "," else ","
-    grouped = rng.random() < 0.06 and (thousands != delimiter or bool(case.dialect["quoted"]))
+    grouped = rng.random() < 0.06 and (thousands != case.delimiter or case.quoted)
     for j in range(width):
         # Whole numbers alone, between commas, could be decimals of one another.
         digits = rng.choice([1, 2, 2, 3, 4] if j == 0 or decimal == "," else [0, 1, 2, 3, 4])
@@ -113,17 +114,16 @@ def samples(rng: Random, case: Case, n: int, width: int, delimiter: str, decimal
             if grouped and not power and digits:
                 text = f"{float(text):,.{digits}f}"
             cells[i][j] = text.translate(str.maketrans(",.", thousands + decimal))
-    case.dialect["grouped"] = grouped
-    lose_some(rng, case, cells, delimiter)
+    lose_some(rng, case, cells)
     return cells
 
 
-def lose_some(rng: Random, case: Case, cells: Cells, delimiter: str) -> None:
+def lose_some(rng: Random, case: Case, cells: Cells) -> None:
     """Missing words in random places, the first rows among them."""
     n, width = case.values.shape
     if rng.random() < 0.6:
         return
-    word = rng.choice(WORDS if delimiter == " " or width == 1 else (*WORDS, "", ""))
+    word = rng.choice(WORDS if case.delimiter == " " or width == 1 else (*WORDS, "", ""))
     places = {(rng.randrange(n), rng.randrange(width)) for _ in range(rng.randint(1, n // 8))}
     if rng.random() < 0.5:
         places |= {(i, rng.randrange(width)) for i in range(rng.randint(1, 12))}
@@ -135,7 +135,6 @@ def lose_some(rng: Random, case: Case, cells: Cells, delimiter: str) -> None:
     for i, j in places:
         cells[i][j] = word
         case.values[i, j] = np.nan
-    case.dialect["missing"] = word
 
 
 def headings(rng: Random, width: int, delimiter: str, header: bool) -> tuple[Words, Words, list[str]]:
@@ -155,37 +154,31 @@ def suffix_units(rng: Random, case: Case, columns: Cells, delimiter: str, *, hea
     j, unit = rng.randrange(len(columns)), rng.choice(["C", "V", "%", " V", "mm"])
     columns[j] = [cell + unit if cell[-1:].isdigit() else cell for cell in columns[j]]
     case.units = tuple(unit.strip() if i == j else "" for i in range(len(columns)))
-    case.dialect["suffix"] = unit
 
 
-def table_lines(
-    rng: Random, case: Case, rows: Cells, heads: Optional, units: Optional, *, quoted: bool
-) -> list[str]:
+def table_lines(rng: Random, case: Case, rows: Cells, heads: Optional, units: Optional) -> list[str]:
     """The lines from the header on."""
-    delimiter = str(case.dialect["delimiter"])
-    between = delimiter + " " if delimiter in ",;" and rng.random() < 0.15 and not quoted else delimiter
+    delimiter = case.delimiter
+    between = delimiter + " " if delimiter in ",;" and rng.random() < 0.15 and not case.quoted else delimiter
     between = " " * rng.randint(1, 3) if delimiter == " " else between
     may_trail = delimiter != " " and len(rows[0]) > 1
     trailing = rng.choice(["none"] * 6 + ["rows", "both", "spaced"]) if may_trail else "none"
     end = {"none": "", "rows": delimiter, "both": delimiter, "spaced": delimiter + " "}[trailing]
-    case.dialect |= {"between": between, "trailing": trailing}
 
     def line(cells: list[str], ending: str) -> str:
-        return between.join(f'"{cell}"' for cell in cells) + ending if quoted else between.join(cells) + ending
+        return between.join(f'"{cell}"' for cell in cells) + ending if case.quoted else between.join(cells) + ending
 
     above = end if trailing == "both" else ""
     lines = [] if heads is None else [line(heads, above)]
     if units is not None:
         style = rng.choice(["{}", "[{}]", "({})"])
         lines.append(line([style.format(unit) if unit else "" for unit in units], above))
-        case.dialect["unit row"] = style
     if heads and delimiter not in " |" and rng.random() < 0.06 and trailing == "none" and len(rows[0]) > 2:
         added = rng.randint(5, len(rows) // 2)
         where = [i for i, name in enumerate(case.names) if heads[-1].startswith(name)]
         if where:
             rows = [row[:-1] if i < added else row for i, row in enumerate(rows)]
             case.values[:added, where[-1]] = np.nan
-            case.dialect["field added"] = added
     return lines + [line(row, end) for row in rows]
 
 
@@ -197,22 +190,17 @@ def finish(rng: Random, case: Case, lines: list[str], prefaces: tuple[str, ...] 
     if case.stamps is not None and headed and rng.random() < 0.1:
         for _ in range(rng.randint(1, 4)):
             lines.insert(rng.randint(first + 3, len(lines)), rng.choice(STATUS))
-        case.dialect["status"] = True
     newline = rng.choice(["\n", "\n", "\n", "\r\n", "\r\n", "\r"])
-    text = newline.join(lines) + newline
     encoding = rng.choice(["utf-8"] * 5 + ["utf-8-sig", "utf-16", "latin-1"])
-    case.dialect |= {"newline": newline, "encoding": encoding}
-    case.data = text.encode(encoding)
+    case.data = (newline.join(lines) + newline).encode(encoding)
     if encoding.startswith("utf-8") and rng.random() < 0.04:
         case.data += b"\0" * rng.choice([1, 40, 512])
-        case.dialect["nuls"] = True
 
 
 def preface(rng: Random, case: Case, style: str) -> list[str]:
     """What a logger writes above its table."""
     mark = rng.choice(["# ", "#", "% ", "// "]) if style == "comments" else ""
-    delimiter = str(case.dialect.get("delimiter", ","))
-    between = ": " if style in ("comments", "colons", "prose") or delimiter == " " else delimiter
+    between = ": " if style in ("comments", "colons", "prose") or case.delimiter == " " else case.delimiter
     lines = [mark + rng.choice(PROSE)] if style in ("comments", "prose") else []
     if style != "prose":
         lines += [mark + between.join(pair) for pair in rng.sample(FACTS, rng.randint(1, 4))]
@@ -222,8 +210,6 @@ def preface(rng: Random, case: Case, style: str) -> list[str]:
         said = rng.choice([*hertz, ("Sample Interval", f"{1 / rate} s")])
         lines.append(mark + between.join(said))
         case.period = 1 / rate
-        case.dialect["rate"] = said
-    case.dialect["preface"] = style
     if rng.random() < 0.4:
         lines.append("")
     return lines

@@ -69,7 +69,7 @@ def difference(case: Case, recording: Recording) -> str:
     for j in range(case.values.shape[1]):
         if why := channel_difference(case, recording, j):
             return why
-    spare = len(recording.names) - case.values.shape[1] - ("counter" in case.dialect)
+    spare = len(recording.names) - case.values.shape[1] - case.counter
     if spare > 0:
         return f"channels {recording.names} for {case.names}"
     return time_difference(case, recording)

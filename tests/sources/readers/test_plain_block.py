@@ -1,6 +1,5 @@
 """Blocks of plain rows against the line reader: the same values, the same account, for whatever bytes."""
 
-import math
 import threading
 
 import numpy as np
@@ -10,36 +9,23 @@ from hypothesis import strategies as st
 from tests.sources.both_ways import assert_same_by_line
 
 from kalscope.errors import Cancelled
-from kalscope.sources.grammar.line_format import LineFormat
-from kalscope.sources.grammar.read_options import DEFAULTS
 from kalscope.sources.reading import rows as csv_rows
-from kalscope.sources.reading.columns import Column
 from kalscope.sources.reading.line_reader import LineReader
 from kalscope.sources.reading.recording_file import read_recording
-from kalscope.sources.reading.sniffer import Layout
+
+pytestmark = pytest.mark.slow
+
+LINES = st.lists(st.text('0123456789+-.eE,;|\t nai_x"*#', max_size=20), min_size=1, max_size=4)
 
 
-def rows_of(form, width, lines):
-    """The rows of the lines and their counts, by compiled loops where they can, and by the line reader."""
-    layout = Layout(form, (Column("a"),) * width, None, 1, frozenset(), (), ())
-    for is_by_line in (False, True):
-        reader = csv_rows._TableReader(layout, DEFAULTS, by_line=is_by_line)
-        reader.take("".join(lines).encode())
-        yield np.array(reader.rows.finish()), reader.tally
-
-
-FORMATS = [LineFormat("table", d, m) for d in ",;\t| " for m in ".," if d != m]
-LINE = st.text('0123456789+-.eE,;|\t nai_x"*#', max_size=20).map("{}\n".format)
-
-
-@pytest.mark.slow
-@given(st.lists(LINE, min_size=1, max_size=4), st.integers(1, 4), st.sampled_from(FORMATS))
-@example(["1,2,NA\n", "1,2,1e999\n", "1,2,1_0\n", "1,2,\x1c3\n", "\n", ",,\n", '1,"2",3\n'], 3, LineFormat())
-@example(["1.5,-2e-3,+.5\n", "1, 2 ,3\n", "1,,\n", "1,-NaN,3,\n", "1,2,3,4\n"], 3, LineFormat())
-def test_whatever_a_line_holds_is_the_same_to_both(lines, width, form):
-    (fast, counts), (slow, expected) = rows_of(form, width, lines)
-    np.testing.assert_array_equal(fast, slow)
-    assert counts == expected
+@given(LINES, st.integers(1, 4), st.sampled_from([d + m for d in ",;\t| " for m in ".," if d != m]))
+@example(["1,2,NA", "1,2,1e999", "1,2,1_0", "1,2,\x1c3", "", ",,", '1,"2",3'], 3, ",.")
+@example(["1.5,-2e-3,+.5", "1, 2 ,3", "1,,", "1,-NaN,3,", "1,2,3,4"], 3, ",.")
+def test_whatever_a_line_holds_is_the_same_to_both(tmp_path_factory, lines, width, marks):
+    path, (delimiter, decimal) = tmp_path_factory.getbasetemp() / "lines.csv", marks
+    plain = delimiter.join([f"{i}{decimal}25" for i in range(width)])
+    path.write_text("\n".join([*[plain] * 9, *lines, *[plain] * 9, ""]))
+    assert_same_by_line(path)
 
 
 digits = st.integers(0, 10**25).map(str)
@@ -51,14 +37,15 @@ tens = st.one_of(st.just(""), st.integers(-75, 75).map("e{}".format))
 @example("", "5", 0, "e-324")
 @example("", "179769313486231580793728971405301", 0, "e60")
 @example("-", "0", 3, "")
-def test_every_number_is_the_nearest_float(sign, whole, places, exponent):
+def test_every_number_is_the_nearest_float(tmp_path_factory, sign, whole, places, exponent):
     whole = whole.rjust(places + 1, "0")
     text = sign + (f"{whole[:-places]}.{whole[-places:]}" if places else whole) + exponent
-    (fast, _), _ = rows_of(LineFormat(), 1, [f"{text}\n"])
-    assert fast[0, 0] == float(text) or (math.isnan(fast[0, 0]) and math.isinf(float(text)))
+    path = tmp_path_factory.getbasetemp() / "number.csv"
+    path.write_text(f"a;b\n1.5;2\n2.5;3\n{text};1\n")
+    number = float(text)
+    np.testing.assert_equal(assert_same_by_line(path).channel("a")[-1], np.nan if np.isinf(number) else number)
 
 
-@pytest.mark.slow
 def test_thousands_of_lines_in_many_blocks_are_the_same_to_both(tmp_path, monkeypatch):
     by_line, read_line = [], LineReader.read
     monkeypatch.setattr(LineReader, "read", lambda self, *line: by_line.append(line) or read_line(self, *line))
@@ -76,7 +63,6 @@ def test_thousands_of_lines_in_many_blocks_are_the_same_to_both(tmp_path, monkey
     assert_same_by_line(path)
 
 
-@pytest.mark.slow
 def test_progress_rises_to_the_end_and_a_cancelled_reading_leaves_no_thread(tmp_path):
     path = tmp_path / "log.csv"
     path.write_text("t,a\n" + "".join(f"{i / 100:.2f},{i % 977}.25\n" for i in range(400_000)))
