@@ -3,6 +3,7 @@
 import math
 import threading
 import time
+from functools import partial
 from itertools import cycle
 
 import numpy as np
@@ -77,9 +78,8 @@ def test_a_board_plugged_in_again_goes_on_with_the_true_pause_and_one_missing_ro
 def test_close_frees_the_port_and_start_goes_on_with_the_same_samples(board, live, wait_for):
     board.say(b"x\n" + lines(0, 10))
     wait_for(received(live, 10))
-    for _ in range(2):
-        live.close()
-        live.close()
+    live.close()
+    live.close()
     assert live.status().word == "closed"
     live.start(require=True)
     board.say(b"x\n" + lines(10, 20))
@@ -95,13 +95,10 @@ def test_noise_is_named_as_a_wrong_baud_rate(board, live, wait_for):
     assert live.snapshot() is None
 
 
-def answer(board, reply):
-    threading.Thread(target=lambda: (board.heard(), board.say(reply))).start()
-
-
 def test_a_line_sent_is_answered_by_the_next_line_with_a_hash(board, live, wait_for):
     board.say(b"x\n" + lines(0, 10))
-    answer(board, lines(10, 12) + b"# q=0.01\r\n# r=4\r\n" + lines(12, 14))
+    reply = lines(10, 12) + b"# q=0.01\r\n# r=4\r\n" + lines(12, 14)
+    threading.Thread(target=lambda: (board.heard(), board.say(reply))).start()
     assert live.send("q0.01", timeout=PATIENCE) == ("# q=0.01", "# r=4")
     wait_for(received(live, 14))
     np.testing.assert_array_equal(live.snapshot().recording.values[:, 0], np.arange(14))
@@ -146,8 +143,8 @@ def test_what_the_other_side_keeps_is_never_dropped(monkeypatch, wait_for):
 def test_of_a_flood_without_end_whole_lines_are_read_and_others_left_out(monkeypatch, wait_for):
     monkeypatch.setattr("kalscope.sources.live.source.MAX_WAITING_BYTES", 10_000)
     monkeypatch.setattr("kalscope.sources.port.reader._MOST_BYTES", 50_000)
-    port, reads = ScriptedPort([], "at a line"), cycle([lines(0, 100)[:501], lines(0, 100)[501:]])
-    port.fetch = lambda: next(reads)
+    port = ScriptedPort([], "at a line")
+    port.fetch = partial(next, cycle([lines(0, 100)[:501], lines(0, 100)[501:]]))
     with source_of(port) as live:
         wait_for(lambda: min(live.status().accepted, live.status().overrun) > 1000)
         status = live.status()

@@ -99,12 +99,6 @@ def refusal(address):
     return str(error.value)
 
 
-@pytest.mark.parametrize("text", ["broker", "broker/", "/a", "broker:0/a"])
-def test_what_is_no_address_of_a_broker(text):
-    with pytest.raises(BadSetting, match=r"an address must be mqtt://\[user@\]broker"):
-        port_of(f"mqtt://{text}")
-
-
 @pytest.mark.slow
 def test_every_message_arrives_and_the_topics_are_the_channels(open_broker, wait_for, tmp_path):
     with publisher(open_broker) as client:

@@ -28,12 +28,13 @@ def test_whatever_a_line_holds_is_the_same_to_both(tmp_path_factory, lines, widt
     assert_same_by_line(path)
 
 
-digits = st.integers(0, 10**25).map(str)
+digits = (st.integers(2**53, 10**18) | st.integers(0, 10**25)).map(str)
 tens = st.one_of(st.just(""), st.integers(-75, 75).map("e{}".format))
 
 
 @given(st.sampled_from(["", "-", "+"]), digits, st.integers(0, 30), tens)
 @example("", "9007199254740993", 0, "")  # between two float64, to the even one
+@example("", "9007199254740995", 3, "")  # not the quotient of the nearest float64
 @example("", "5", 0, "e-324")
 @example("", "179769313486231580793728971405301", 0, "e60")
 @example("-", "0", 3, "")
