@@ -140,3 +140,4 @@ def test_digits_with_a_unit_beside_a_date_are_no_clock(times):
     days, counted = ["2024-03-04"] * N, [str(100 + i) for i in range(N)]
     assert times({"date": days, "time_ms": counted, "x": NOISE}).sample_period == 0.001
     assert times({"date": days, "time": counted, "x": NOISE}).sample_period == 60.0
+    assert times({"date": days, "time": [str(i) for i in range(N)], "x": NOISE}).sample_period == 1.0

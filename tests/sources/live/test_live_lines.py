@@ -72,22 +72,29 @@ def test_the_first_line_after_opening_is_dropped_wherever_the_bytes_are_cut(end)
         assert counts.received >= 5
 
 
-def test_after_a_silence_the_first_line_may_bring_names_but_no_sample():
-    named = Stream().feed(b"heat,light\n1,2\n3,4\n", after=1.6)
-    assert named.names == ["heat", "light"]
-    assert named.rows == [(1.0, 2.0), (3.0, 4.0)]
-    assert Stream().feed(b"1,2\n3,4\n", after=1.6).rows == [(3.0, 4.0)]
-    cut = Stream().feed(b"ght\n1,2\n3,4\n", after=0.01)
-    assert cut.names == ["value 1", "value 2"]
+NAMED, PLAIN, SINES = ["heat", "light"], ["value 1", "value 2"], ["sine 1", "sine 2"]
+STREAMS = {  # bytes and s until they came; the names and the rows
+    "names after a silence": ([(b"heat,light\n1,2\n3,4\n", 1.6)], NAMED, [(1, 2), (3, 4)]),
+    "no first sample, though": ([(b"1,2\n3,4\n", 1.6)], PLAIN, [(3, 4)]),
+    "a cut line of names": ([(b"ght\n1,2\n3,4\n", 0.01)], PLAIN, [(1, 2), (3, 4)]),
+    "names with blanks and digits": ([(b"x\nsine 1,sine 2\n0.5,0.25\n1,2\n", 1.6)], SINES, [(0.5, 0.25), (1, 2)]),
+    "a board that starts twice": ([(b"x\n" + b"sine 1,sine 2\n" * 2 + b"0.5,0.25\n", 1.6)], SINES, [(0.5, 0.25)]),
+    "the boot text of a chip": ([(b"\x80\xff", 0), (ESP32, 0.4), (b"a:1,b:2\r\na:3,b:4\r\n", 0.5)], ["a", "b"],
+        [(1, 2), (3, 4)]),
+    "words among the numbers": ([(b"x\nheat,light\n1,2\n3,4\n", 0.1), (b"5,6\nERR,OK\n7,8\n", 3), (b"9,10\n", 0.1)],
+        NAMED, [(1, 2), (3, 4), (5, 6), (7, 8), (9, 10)]),
+}  # fmt: skip
 
 
-def test_the_boot_text_of_a_chip_is_no_data():
-    stream = Stream().feed(b"\x80\xff").feed(ESP32, 0.4).feed(b"a:1,b:2\r\na:3,b:4\r\n", 0.5)
-    assert stream.names == ["a", "b"]
-    assert stream.rows == [(1.0, 2.0), (3.0, 4.0)]
-    counts = stream.lines.counts
-    assert counts.rejected == 0
-    assert counts.dropped == whole_lines(ESP32)
+@pytest.mark.parametrize("name", STREAMS)
+def test_which_lines_are_names_and_which_are_samples(name):
+    pieces, names, rows = STREAMS[name]
+    stream = Stream()
+    for data, after in pieces:
+        stream.feed(data, after)
+    counts, lines = stream.lines.counts, whole_lines(b"".join(data for data, _ in pieces))
+    assert (stream.names, stream.rows) == (names, rows)
+    assert (counts.rejected, counts.dropped) == (0, lines - len(rows))
 
 
 @pytest.mark.parametrize(("silence", "unplugged", "rows"), [
@@ -113,12 +120,6 @@ def test_the_names_stay_when_the_board_comes_back_with_or_without_its_header():
     assert stream.lines.counts.rejected == 0
 
 
-def test_words_among_the_numbers_are_no_new_names():
-    stream = Stream().feed(b"x\nheat,light\n1,2\n3,4\n", 0.1).feed(b"5,6\nERR,OK\n7,8\n", 3.0).feed(b"9,10\n")
-    assert (stream.names, stream.lines.counts.rejected) == (["heat", "light"], 0)
-    assert [row[0] for row in stream.rows] == [1, 3, 5, 7, 9]
-
-
 @pytest.mark.parametrize("mark", [b"", b"# "])  # the exported sketches write their names as a comment
 def test_a_header_in_mid_stream_is_no_row_and_names_what_had_no_names(mark):
     stream = Stream().feed(b"x\n1,2\n3,4\n", 0.1).feed(b"5,6\n", 30.0)
@@ -131,13 +132,6 @@ def test_a_header_in_mid_stream_is_no_row_and_names_what_had_no_names(mark):
     stream.feed(mark + b"raw,filtered\n11,12\n")
     assert stream.rows[-1] == (11.0, 12.0)
     assert not np.isnan(stream.rows).any()
-
-
-@pytest.mark.parametrize("times", [1, 2])
-def test_a_header_with_blanks_and_digits_is_no_row_also_where_the_board_starts_twice(times):
-    stream = Stream().feed(b"x\n" + b"sine 1,sine 2\n" * times + b"0.5,0.25\n1.5,1.25\n", 1.6)
-    assert stream.names == ["sine 1", "sine 2"]
-    assert stream.rows == [(0.5, 0.25), (1.5, 1.25)]
 
 
 SEED = b"# boot\r\nms,a,b\r\n" + b"".join(b"%d,%d,%d\r\n" % (i, i * 3 % 7, i) for i in range(40))
@@ -198,3 +192,6 @@ def test_every_line_is_read_whole_or_counted(ends, sizes, data):
     counts = lines.counts
     assert counts.received == len(sent)
     assert (counts.accepted, counts.rejected, counts.dropped) == (len(rows), 0, len(sent) - len(rows))
+    lines.opened(0.0, "at a line")
+    assert list(lines.feed(BytesReceived(b"1\r", 0, 1, 0.0)))
+    assert lines.overrun(b"\n2\r\n3\n") == 2

@@ -79,17 +79,16 @@ def test_stamps_are_the_time_and_a_unit_without_name_is_found_by_the_clock_of_th
 TICKS = np.arange(100) * 0.01
 DAMAGED = np.arange(20) * 10.0
 DAMAGED[[7, 13]] = 99_999_999.0, 20.0
+LATE = TICKS + 0.004 * (np.arange(100) % 3)
 CLOCKS = {  # the column, when the rows arrived, s, their stamps, and the right times
     "stamps that stand still are no time": (TimeColumn(0, "number", ""), TICKS, [3.0] * 100, TICKS),
-    "a counter that wraps": (MS, TICKS, np.mod(TICKS * 1000 + 2.0**32 - 500, 2.0**32), TICKS),
-    "a clock at midnight": (
-        TimeColumn(0, "clock"),
-        range(5),
-        [(86398 + i) % 86400 * 1e6 for i in range(5)],
-        range(5),
-    ),
+    "a counter that wraps": (MS, LATE, np.mod(TICKS * 1000 + 2.0**32 - 500, 2.0**32), TICKS),
+    "a clock at midnight": (TimeColumn(0, "clock"), LATE, np.mod(86399.5e6 + 1e6 * TICKS, 86400e6), TICKS),
     "damaged stamps": (MS, TICKS[:20], DAMAGED, TICKS[:20]),
-    "a board that restarts": (MS, [0, 0.01, 1.62, 1.63], [50_000.0, 50_010, 3, 13], [0, 0.01, 1.62, 1.63]),
+    "a board that restarts": (
+        *(MS, [0, 0.01, 1.62, 1.634, 1.64, 1.65], [50_000.0, 50_010, 3, 13, 23, 33]),
+        [0, 0.01, 1.62, 1.634, 1.644, 1.654],
+    ),
 }
 
 

@@ -20,7 +20,7 @@ LINES = st.lists(st.text('0123456789+-.eE,;|\t nai_x"*#', max_size=20), min_size
 
 @given(LINES, st.integers(1, 4), st.sampled_from([d + m for d in ",;\t| " for m in ".," if d != m]))
 @example(["1,2,NA", "1,2,1e999", "1,2,1_0", "1,2,\x1c3", "", ",,", '1,"2",3'], 3, ",.")
-@example(["1.5,-2e-3,+.5", "1, 2 ,3", "1,,", "1,-NaN,3,", "1,2,3,4"], 3, ",.")
+@example(["1.5,-2e-3,+.5", "1, 2 ,3", "1,,", "1,-NaN,3,", "1,2,3,4", "1,2,3,,"], 3, ",.")
 def test_whatever_a_line_holds_is_the_same_to_both(tmp_path_factory, lines, width, marks):
     path, (delimiter, decimal) = tmp_path_factory.getbasetemp() / "lines.csv", marks
     plain = delimiter.join([f"{i}{decimal}25" for i in range(width)])
