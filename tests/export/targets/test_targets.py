@@ -10,8 +10,9 @@ import random
 import re
 import subprocess
 import sys
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import cycle
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -28,27 +29,11 @@ from kalscope.filtering.kernels import transition
 ROWS = 400
 
 
-@dataclass(frozen=True)
-class Shared:
-    """What all targets are checked on; arrays have shape (ROWS, channels), in the order of `tuning.channels`."""
-
-    tuning: Tuning
-    recording: Recording
-    x: np.ndarray
-    """Filtered values of the textbook oracle below."""
-    k: np.ndarray
-    """Its gains."""
-
-
 def textbook(channel, z):
     """x and k after each sample: the five lines, a missing sample, the three starts and the gate.
 
     A second state is the velocity v, whose variance is w and its covariance with x is g: without momentum all 0.
-    The textbook of two speeds is in tests/filtering/test_two_speeds.py.
     """
-    if channel.fast is not None:
-        result = kalman_filter(np.array(z), channel.params)
-        return np.column_stack((result.x, result.k))
     e, f, q11, q12, q22, w = 0.0, 0.0, channel.q, 0.0, 0.0, 0.0
     if channel.momentum:
         e, f, q11, q12, q22 = transition(1.0, channel.q, channel.momentum)
@@ -107,24 +92,21 @@ def channels_and_samples():
     ]
 
 
-def extreme_channels():
-    """What float32 cannot hold."""
-    return [
-        (ChannelTuning("minute", "V", 1e-280, 1e-270), noisy(12, 1e-134, 1e-135)),
-        (ChannelTuning("subnormal", "V", 5e-324, 1e-310), noisy(13, 0.0, 1e-155)),
-        (ChannelTuning("huge", "V", 1e270, 1e280), noisy(14, 1e140, 1e140)),
-        (ChannelTuning("huge gate", "V", 1e300, 1e300, gate=4.0), noisy(15, 1e150, 3e150)),
-    ]
+EXTREME = [
+    (ChannelTuning("minute", "V", 1e-280, 1e-270), noisy(12, 1e-134, 1e-135)),
+    (ChannelTuning("subnormal", "V", 5e-324, 1e-310), noisy(13, 0.0, 1e-155)),
+    (ChannelTuning("huge", "V", 1e270, 1e280), noisy(14, 1e140, 1e140)),
+    (ChannelTuning("huge gate", "V", 1e300, 1e300, gate=4.0), noisy(15, 1e150, 3e150)),
+]
+"""What float32 cannot hold."""
 
 
 def channels_with_two_speeds():
     """The difficulties that they can have, beside one without."""
     cases = [(one, samples) for one, samples in channels_and_samples() if one.r and one.q and not one.gate]
-    spikes, steps = (samples for one, samples in channels_and_samples() if one.name in ("gate", "level jump"))
-    kinds = [(f"{one.name} twice", 10.0 ** (i + 1), 0.0 if i % 2 else 0.01) for i, (one, _) in enumerate(cases)]
     return cases[:1] + [
-        (replace(one, name=name, fast=fast, spikes=share), samples if i else (*spikes[:200], *steps[200:]))
-        for i, ((one, samples), (name, fast, share)) in enumerate(zip(cases, kinds, strict=True))
+        (replace(one, name=f"{one.name} twice", fast=10.0 ** (i + 1), spikes=0.01 * (i % 2 == 0)), samples)
+        for i, (one, samples) in enumerate(cases)
     ]
 
 
@@ -137,33 +119,27 @@ def channels_with_momentum():
     ]
 
 
-def answered(cases):
-    """The cases with what the textbook answers."""
-    channels = tuple(channel for channel, _ in cases)
-    z = np.array([samples for _, samples in cases]).T
-    answers = np.array([textbook(*case) for case in cases])
-    names = tuple(channel.name for channel in channels)
-    recording = Recording(np.arange(ROWS) * 0.01, names, ("",) * len(names), z, 0.01)
-    return Shared(Tuning(channels, sample_period=0.01), recording, answers[..., 0].T, answers[..., 1].T)
-
-
-KINDS = {
-    "five lines": lambda: channels_and_samples() + extreme_channels(),
-    "momentum": channels_with_momentum,
-    "two speeds": channels_with_two_speeds,
-}
+KINDS = {"five lines": channels_and_samples() + EXTREME, "momentum": channels_with_momentum()}
+KINDS["two speeds"] = channels_with_two_speeds()
 
 
 @pytest.fixture(scope="module", params=KINDS)
 def either(request):
-    """The shared vectors without momentum, with it, and with two speeds."""
-    return answered(KINDS[request.param]())
+    """A tuning and its recording, without momentum, with it, and with two speeds; and x and k of each sample."""
+    channels, samples = zip(*KINDS[request.param], strict=True)
+    names, z = tuple(channel.name for channel in channels), np.array(samples).T
+    recording = Recording(np.arange(ROWS) * 0.01, names, ("",) * len(names), z, 0.01)
+    results = [kalman_filter(z[:, i], channel.params) for i, channel in enumerate(channels)]
+    answers = np.stack([np.column_stack([one.x, one.k]) for one in results], axis=1)
+    return SimpleNamespace(tuning=Tuning(channels, sample_period=0.01), recording=recording, answers=answers)
 
 
-@pytest.fixture(scope="module")
-def shared():
-    """Those without momentum."""
-    return answered(KINDS["five lines"]())
+def test_our_filter_answers_as_the_textbook_bit_for_bit(either):
+    """That of two speeds is in tests/filtering/test_two_speeds.py."""
+    for i, channel in enumerate(either.tuning.channels):
+        if channel.fast is None:
+            expected = textbook(channel, either.recording.values[:, i])
+            np.testing.assert_array_equal(either.answers[:, i], expected, err_msg=channel.name)
 
 
 def run(*command, stdin="", cwd=None):
@@ -186,10 +162,10 @@ def lines_of(recording):
     return re.sub("nan", lambda _: next(missing), text)
 
 
-def assert_same(text, shared):
+def assert_same(text, either):
     """A program has answered x and k of each channel, in turn, to the last bit."""
-    numbers = np.array(text.replace("NaN", "nan").split(), dtype=np.float64).reshape(*shared.x.shape, 2)
-    np.testing.assert_array_equal(numbers, np.stack([shared.x, shared.k], axis=-1))
+    numbers = np.array(text.replace("NaN", "nan").split(), dtype=np.float64)
+    np.testing.assert_array_equal(numbers.reshape(either.answers.shape), either.answers)
 
 
 PYTHON_DRIVER = """\
@@ -212,7 +188,7 @@ def test_matlab_scripts_are_the_same_filter_in_octave(either, tmp_path):
     files = export_tuning(either.tuning, "matlab")
     write(files, tmp_path)
     either.recording.values.astype("<f8").T.tofile(tmp_path / "raw.bin")
-    rows, channels = either.x.shape
+    rows, channels, _ = either.answers.shape
     driver = ["no_plot = true; f = fopen('raw.bin'); all_z = fread(f, [ROWS, N], 'double'); fclose(f); out = [];"]
     for i, name in enumerate(files, 1):
         driver.append(f"z = all_z(:, {i}); run('{name}'); out = [out, buff_xk, buff_Kk];")
@@ -220,17 +196,17 @@ def test_matlab_scripts_are_the_same_filter_in_octave(either, tmp_path):
     script = "\n".join(driver).replace("ROWS", str(rows)).replace("N]", f"{channels}]")
     run(program("octave-cli"), "--no-gui", "--norc", "--quiet", "--eval", script, cwd=tmp_path)
     out = np.fromfile(tmp_path / "out.bin", "<f8").reshape(channels, 2, rows)
-    np.testing.assert_array_equal(out[:, 0].T, either.x)
-    np.testing.assert_array_equal(out[:, 1].T, either.k)
+    np.testing.assert_array_equal(np.moveaxis(out, 2, 0), either.answers)
 
 
-def test_a_matlab_script_runs_without_samples_and_does_not_round_the_answers_to_whole_counts(shared, tmp_path):
-    write(export_tuning(shared.tuning, "matlab", channel="diffuse"), tmp_path)
+def test_a_matlab_script_runs_without_samples_and_does_not_round_the_answers_to_whole_counts(tmp_path):
+    channel = ChannelTuning("diffuse", "V", 0.01, 1.0)
+    write(export_tuning(Tuning((channel,)), "matlab"), tmp_path)
     z = [100, 103, 101, 106, 99]
     script = "no_plot = true; kalman_diffuse; printf('%d %d ', numel(buff_xk), any(isnan(buff_xk)));"
     script += f" z = int16({z}); kalman_diffuse; printf('%.17g ', buff_xk);"
     out = run(program("octave-cli"), "--norc", "--quiet", "--eval", script, cwd=tmp_path).split()
-    expected = kalman_filter(z, shared.tuning.channel("diffuse").params).x
+    expected = kalman_filter(z, channel.params).x
     np.testing.assert_array_equal([float(word) for word in out], [100, 0, *expected])
 
 
@@ -257,7 +233,7 @@ def test_c_is_the_same_filter_under_gcc(either, tmp_path):
     start = "".join(f"kalscope_start(&f[{i}], &{name});\n" for i, name in enumerate(names))
     step = 'double z; if (scanf("%lf", &z) != 1) return 1; kalscope_update(&f[j], z);'
     step += ' printf("%.17g %.17g\\n", f[j].x, f[j].k);'
-    loops = f"for (int i = 0; i < {len(either.x)}; i++) for (int j = 0; j < {len(names)}; j++) {{ {step} }}"
+    loops = f"for (int i = 0; i < {ROWS}; i++) for (int j = 0; j < {len(names)}; j++) {{ {step} }}"
     head = '#include <stdio.h>\n#include "kalscope_filter.h"\n'
     main = f"{head}int main(void) {{ kalscope_filter f[{len(names)}];\n{start}{loops}\nreturn 0; }}\n"
     out = build(tmp_path, "gcc", files, main, "-std=c99", "-O2")(lines_of(either.recording).encode())
@@ -309,13 +285,6 @@ def read(text, *more):
     return np.array([[float(cell) for cell in row] for row in rows[1:]])
 
 
-def test_our_filter_answers_as_the_textbook_bit_for_bit(either):
-    for i, channel in enumerate(either.tuning.channels):
-        result = kalman_filter(either.recording.values[:, i], channel.params)
-        np.testing.assert_array_equal(result.x, either.x[:, i], err_msg=channel.name)
-        np.testing.assert_array_equal(result.k, either.k[:, i], err_msg=channel.name)
-
-
 def test_a_vector_file_reads_back_bit_for_bit(either):
     files = vector_files(job_of(either.tuning), either.recording)
     assert len(files) == len(either.recording.names)
@@ -324,17 +293,17 @@ def test_a_vector_file_reads_back_bit_for_bit(either):
         columns = read(text, *(["velocity"] if channel.momentum else []))
         np.testing.assert_array_equal(columns[:, 0], either.recording.time)
         np.testing.assert_array_equal(columns[:, 1], either.recording.values[:, i])
-        np.testing.assert_array_equal(columns[:, 2], either.x[:, i])
-        np.testing.assert_array_equal(columns[:, 3], either.k[:, i])
+        np.testing.assert_array_equal(columns[:, 2:4], either.answers[:, i])
         velocity = kalman_filter(either.recording.values[:, i], channel.params).velocity
         assert not channel.momentum or np.array_equal(columns[:, 4], velocity)
 
 
-def test_vectors_are_the_start_of_a_long_recording_and_one_that_does_not_fit_is_refused(shared):
+def test_vectors_are_the_start_of_a_long_recording_and_one_that_does_not_fit_is_refused():
     long = Recording(np.arange(5000.0), ("a",), ("",), np.linspace(0.0, 1.0, 5000)[:, None], 1.0)
-    job = job_of(Tuning((ChannelTuning("another name", "", 1.0, 1.0),)))
+    one = ChannelTuning("another name", "", 1.0, 1.0)
+    job = job_of(Tuning((one,)))
     assert len(read(vector_files(job, long)["groundtruth.csv"])) == MAX_ROWS
     with pytest.raises(BadSetting, match="channel must be one of a"):
-        export_tuning(shared.tuning, "json", vectors=long)
+        export_tuning(Tuning((one, replace(one, name="b"))), "json", vectors=long)
     with pytest.raises(BadSetting, match="at least one row"):
         vector_files(job, replace(long, time=long.time[:0], values=long.values[:0]))
