@@ -16,9 +16,6 @@ from kalscope.filtering.params import FilterParams
 from kalscope.papers import interactive_matter_2009 as lis302dl
 from kalscope.papers import maarif_2019 as noise_reducer
 
-MATLAB_TOLERANCE = 1e-12
-"""Largest |Octave − kalman_filter|, u, on readings up to 100; `denoise` has this times the largest reading."""
-
 # Appendix a of Ma'arif et al. (2019), with zk = (rand-rand)*100 read from Z and without the plot.
 MATLAB = """
 xk = 0; Pk = 0; R = {r}; Q = {q};
@@ -166,17 +163,17 @@ def compiled(tmp_path_factory):
     return build
 
 
-@pytest.mark.parametrize(("r", "q"), [(100.0, 1.0), *((r, q) for _, r, q in noise_reducer.SIMULATED_FIGURES)])
-def test_the_matlab_appendix_in_octave_is_our_filter(r, q):
+def test_the_matlab_appendix_in_octave_is_our_filter():
     rng = np.random.default_rng(2019)
     z = (rng.random(100) - rng.random(100)) * 100.0
-    octave = tool("octave-cli", "octave")
-    script = MATLAB.format(r=repr(r), q=repr(q), z=" ".join(map(repr, z.tolist())))
-    theirs = np.array(run([octave, "--norc", "--quiet", "--eval", script]).split(), dtype=np.float64)
-    assert theirs.shape == (100,)
-    params = FilterParams(q=q, r=r, p0=0.0, x0=0.0)
-    np.testing.assert_allclose(kalman_filter(z, params).x, theirs, rtol=0, atol=MATLAB_TOLERANCE)
-    np.testing.assert_allclose(denoise(z, params), theirs, rtol=0, atol=MATLAB_TOLERANCE * np.abs(z).max())
+    pairs = [(100.0, 1.0), *((r, q) for _, r, q in noise_reducer.SIMULATED_FIGURES)]
+    scripts = (MATLAB.format(r=repr(r), q=repr(q), z=" ".join(map(repr, z.tolist()))) for r, q in pairs)
+    octave = tool("octave-cli", "octave"), "--norc", "--quiet", "--eval"
+    theirs = np.array(run([*octave, "".join(scripts)]).split(), dtype=np.float64).reshape(-1, 100)
+    for (r, q), x in zip(pairs, theirs, strict=True):
+        params = FilterParams(q=q, r=r, p0=0.0, x0=0.0)
+        np.testing.assert_allclose(kalman_filter(z, params).x, x, rtol=0, atol=1e-12)
+        np.testing.assert_allclose(denoise(z, params), x, rtol=0, atol=1e-12 * np.abs(z).max())
 
 
 @pytest.mark.parametrize(("name", "q", "r"), lis302dl.WALK)
