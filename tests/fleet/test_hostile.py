@@ -8,8 +8,6 @@ import json
 import os
 import re
 import zipfile
-from collections.abc import Iterator
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -24,18 +22,19 @@ from kalscope_app.views.fleet import about_fleet
 MAGIC = (b"PAR1", b"\x89HDF\r\n\x1a\n", b"#ROSBAG V2", b"PK\x03\x04", b"\x1f\x8b\x08\0", b"LabVIEW Measurement\n")
 WORDS = ("nan", "inf", "", "1e308", "-1e308", "1e400", "5e-324", "0")
 NAMES = ("-x.csv", "a\nb.csv", "\x1b[2J.csv", "*.csv", "%s.csv", "{x}.csv", "a" * 240 + ".csv", "😀", "\udcff.csv")
-ENCODINGS = ("utf-16", "utf-16-be", "utf-32", "cp1252")
+BOMB = 2 << 20
+"""Bytes that a packed file unpacks to."""
 
 
-def rows(values: object, head: str = "t,x\n", end: str = "\n") -> str:
-    return head + "".join(f"{i / 100:.2f},{value}{end}" for i, value in enumerate(values))
+def rows(values, head="t,x\n"):
+    return head + "".join(f"{i / 100:.2f},{value}\n" for i, value in enumerate(values))
 
 
-def write_hostile(folder: Path, bomb: int) -> int:
-    """Write the files; how many rows of a table they are. `bomb`: bytes that the bombs unpack to."""
+def write_hostile(folder):
+    """Write the files; how many rows of a table they are."""
     folder.mkdir()
     g = np.random.default_rng(5)
-    for i, data in enumerate(contents(g, bomb)):
+    for i, data in enumerate(contents(g)):
         (folder / f"{i:02d}.csv").write_bytes(data)
     for name in NAMES:
         (folder / name).write_text(rows(walk(g)))
@@ -47,39 +46,33 @@ def write_hostile(folder: Path, bomb: int) -> int:
     return len(os.listdir(folder))
 
 
-def walk(g: np.random.Generator, n: int = 200) -> list[float]:
+def walk(g, n=200):
     return (np.cumsum(0.3 * g.normal(size=n)) + g.normal(size=n)).round(4).tolist()
 
 
-def contents(g: np.random.Generator, bomb: int) -> Iterator[bytes]:
+def contents(g):
     good = rows(walk(g))
     yield from (g.bytes(n) for n in (1, 100, 5000))
     yield from (magic + g.bytes(500) for magic in MAGIC)
     packed = gzip.compress(good.encode())
     yield from (packed[:n] for n in (3, 40, len(packed) - 1))
-    yield gzip.compress(b"1,2\n" * (bomb // 4))
+    yield gzip.compress(b"1,2\n" * (BOMB // 4))
     archive = io.BytesIO()
     with zipfile.ZipFile(archive, "w", zipfile.ZIP_DEFLATED) as file:
-        file.writestr("../log.csv", b"1,2\n" * (bomb // 4))
+        file.writestr("../log.csv", b"1,2\n" * (BOMB // 4))
     yield archive.getvalue()
     for word in WORDS:
         yield rows([word] * 100).encode()
         yield rows([word if i % 9 == 0 else value for i, value in enumerate(walk(g))]).encode()
     yield rows(np.frombuffer(g.bytes(8 * 200)).tolist()).encode()
     for span in (20, 300):
-        yield rows(
-            f"{a:.3f}e{b}" for a, b in zip(g.normal(size=200), g.integers(-span, span, 200), strict=True)
-        ).encode()
+        pairs = zip(g.normal(size=200), g.integers(-span, span, 200), strict=True)
+        yield rows(f"{a:.3f}e{b}" for a, b in pairs).encode()
     yield good.replace("\n", "\r").encode()
-    yield from (good.encode(name) for name in ENCODINGS)
+    yield from (good.encode(name) for name in ("utf-16", "utf-16-be", "utf-32", "cp1252"))
     yield good.replace("1", "\0").encode()
-    yield b"1," * 5000
-    yield b"\n" * 1000
-    yield b""
-    yield rows(walk(g, 1)).encode()
-    yield rows(walk(g), "x,x\n").encode()
-    yield rows(walk(g), "<html>\n").encode()
-    yield b"[" * 5000
+    yield from (b"1," * 5000, b"\n" * 1000, b"", b"[" * 5000)
+    yield from (rows(walk(g, n), head).encode() for n, head in ((1, "t,x\n"), (200, "x,x\n"), (200, "<html>\n")))
     yield json.dumps([{"x": float("nan")}, {"x": 1e308}] * 20).encode()
 
 
@@ -90,8 +83,8 @@ HOSTILE = "".join(TERMINAL).replace("\0", "")
 @pytest.mark.slow
 @pytest.mark.skipif(os.name == "nt", reason="neither links nor pipes")
 def test_each_hostile_file_is_one_row_and_one_count(tmp_path, at_once, capsys, monkeypatch):
-    monkeypatch.setattr(files, "MAX_UNPACKED", 1 << 20)
-    count, out = write_hostile(tmp_path / "logs", 2 << 20), tmp_path / "out"
+    monkeypatch.setattr(files, "MAX_UNPACKED", BOMB // 2)
+    count, out = write_hostile(tmp_path / "logs"), tmp_path / "out"
     said = run_here(capsys, tmp_path / "logs", "-o", out)
     rows = table(out)
     assert len(rows) == len({row["id"] for row in rows}) == count > 60

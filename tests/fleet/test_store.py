@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
+import os
 import random
 import sqlite3
-import subprocess
-import sys
 from contextlib import closing
-from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.fleet.fleet_runs import PLAIN, files_of, run_here, write_devices
+from tests.fleet.fleet_runs import ANSWER, PLAIN, files_of, run_here, write_devices
 from tests.support.effort import FUZZ
+from tests.support.forked import Forked
+from tests.support.program import next_line
 
 from kalscope.errors import BadFile, BadSetting
 from kalscope.estimation.many import series_of
@@ -53,41 +53,34 @@ def test_the_table_is_the_same_in_whatever_order_units_were_stored(tmp_path, see
 
 
 HOLD = """
-import sys, pathlib
+import sys, time, pathlib
 from kalscope.estimation.pool import Pool
 from kalscope.fleet.store import Row, open_store, stored
 def units():
     yield from [stored(f"{i}", [Row("a", verdict="ok")] * 1000, Pool.empty()) for i in range(100)]
     print("held", flush=True)
-    sys.stdin.read()
-with open_store(pathlib.Path(sys.argv[1])) as store:
+    time.sleep(1e6)
+with open_store(pathlib.Path()) as store:
     store.keep([stored("k", [Row("a", verdict="ok")], Pool.empty())])
     store.keep(units())
 """
 
 
 def test_a_folder_has_one_run_and_one_that_dies_leaves_whole_batches(tmp_path):
-    with subprocess.Popen(
-        [sys.executable, "-c", HOLD, tmp_path], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
-    ) as other:
-        assert other.stdout.readline() == "held\n"
+    with Forked(HOLD, tmp_path, os.environ) as other:
+        assert next_line(other) == "held\n"
         with pytest.raises(BadSetting, match="no other run writes") as refused, open_store(tmp_path):
             pass
         assert "\n" not in str(refused.value)
-        other.kill()
-        other.wait()
     with open_store(tmp_path) as store:
         assert store.settled() == {"k"}
 
 
-def test_a_file_is_no_folder_of_results(tmp_path):
-    Path(tmp_path / "x").write_text("")
+def test_a_file_is_no_folder_of_results_and_a_folder_no_database(tmp_path):
+    (tmp_path / "x").write_text("")
     with pytest.raises(BadSetting, match="must go to a folder"), open_store(tmp_path / "x"):
         pass
-
-
-def test_a_database_that_cannot_be_opened_is_not_called_that_of_somebody_else(tmp_path):
-    (tmp_path / "units.sqlite").mkdir()
+    (tmp_path / STORE).mkdir()
     with pytest.raises(PermissionError, match="unable to open database file"), open_store(tmp_path):
         pass
 
@@ -114,7 +107,7 @@ def fleet(tmp_path, at_once, capsys):
     return tmp_path / "logs", tmp_path / "out"
 
 
-@pytest.mark.parametrize("name", ["units.sqlite", "fleet.json", "fleet.parquet", "tuning.toml"])
+@pytest.mark.parametrize("name", sorted(ANSWER))
 def test_a_folder_with_a_file_of_that_name_is_refused_before_the_run(fleet, capsys, name):
     logs, out = fleet
     out.mkdir()
@@ -127,9 +120,10 @@ def test_a_folder_with_a_file_of_that_name_is_refused_before_the_run(fleet, caps
 
 
 @pytest.mark.slow
-def test_a_tuning_of_the_user_is_kept_and_named(fleet, capsys):
+def test_a_tuning_of_the_user_is_kept_and_named(fleet, capsys, monkeypatch):
     logs, out = fleet
     run_here(capsys, logs, "-o", out, *PLAIN)
+    first = (out / TUNING).read_text()
     save_tuning(OWN, out / TUNING)
     refused = run_here(capsys, logs, "-o", out, "--lag-ms", "50", expect=2)
     assert refused.err == (
@@ -140,23 +134,10 @@ def test_a_tuning_of_the_user_is_kept_and_named(fleet, capsys):
     (out / TUNING).rename(out / "mine.toml")
     run_here(capsys, logs, "-o", out, "--lag-ms", "50")
     assert "lag of 50 ms" in load_tuning(out / TUNING).channels[0].how
-
-
-@pytest.mark.slow
-def test_the_own_tuning_is_known_whatever_died(fleet, capsys):
-    logs, out = fleet
-    run_here(capsys, logs, "-o", out, *PLAIN)
-    first = (out / TUNING).read_text()
-    run_here(capsys, logs, "-o", out, "--lag-ms", "50")
     (out / TUNING).write_text(first)  # as a kill before the last file leaves it
     run_here(capsys, logs, "-o", out, "--lag-ms", "50")
     assert "lag of 50 ms" in load_tuning(out / TUNING).channels[0].how
-
-
-def test_a_tuning_that_the_user_saves_during_the_run_is_kept(fleet, capsys, monkeypatch):
-    logs, out = fleet
-    run_here(capsys, logs, "-o", out, *PLAIN)
-    settled = Store.settled
+    settled = Store.settled  # the user saves it during the run
     monkeypatch.setattr(Store, "settled", lambda store: save_tuning(OWN, out / TUNING) or settled(store))
     assert "of your own" in run_here(capsys, logs, "-o", out, *PLAIN, expect=2).err
     assert load_tuning(out / TUNING).channels == OWN.channels
