@@ -7,17 +7,30 @@ from __future__ import annotations
 
 import os
 import signal
+import subprocess
+import sys
+from contextlib import nullcontext
 
 import distributed
 import psutil
 import pytest
-from tests.fleet.fleet_runs import ANSWER, PLAIN, files_of, fits, kept, run_here, table, write_devices
+from tests.fleet.fleet_runs import (
+    ANSWER,
+    PLAIN,
+    InProcesses,
+    files_of,
+    fits,
+    kept,
+    run_here,
+    table,
+    write_devices,
+)
 from tests.support.forked import Forked
 from tests.support.program import command, next_line
 from tests.support.waiting import PATIENCE, wait_until
 
 from kalscope.cli.app import run as kalscope
-from kalscope.fleet import run
+from kalscope.fleet import run, work
 from kalscope.fleet.store import STORE, open_store
 
 
@@ -60,23 +73,77 @@ def test_a_goal_in_time_needs_a_sample_period(tmp_path, at_once, capsys):
     assert f"1 × {reason}\nNo filter for all: {reason}\n" in said
 
 
-@pytest.mark.parametrize(
-    ("options", "said"),
-    [
-        (["--momentum", "1e9"], 'momentum must be "auto" or sample periods from 0 to 1e5 (got 1000000000.0)'),
-        (["--all", "--channel", "light"], "--all must be used without --channel (got --channel 'light')"),
-        (["--lag-ms", "5", "--gain", "0.2"], "only one of --lag-ms, "),
-        (["--still", "1:2"], "--still must be auto for a fleet, whose recordings differ (got '1:2')"),
-    ],
-)
-def test_what_suits_no_recording_is_refused_before_any_is_read(tmp_path, at_once, capsys, options, said):
-    write_devices(tmp_path / "logs", 1)
-    refused = run_here(capsys, tmp_path / "logs", "-o", tmp_path / "out", *options, expect=2)
-    assert refused.err.startswith(f"kalscope: {said}")
-    assert not (tmp_path / "out").exists()
+TIMED_OUT = "timed_out", "it must be read and fitted within 0.5 s (got no result)"
 
 
-# From here on on Dask.
+@pytest.mark.slow
+@pytest.mark.skipif(os.name == "nt", reason="pause() is of POSIX")
+def test_a_device_that_hangs_in_c_or_is_killed_is_a_row_and_others_are_done(tmp_path, at_once, capsys, monkeypatch):
+    logs, out = tmp_path / "logs", tmp_path / "out"
+    write_devices(logs, 2)
+    for name in ("hangs0.csv", "hangs1.csv", "kills.csv"):
+        (logs / name).write_text("1")
+    with monkeypatch.context() as patch:
+        patch.setattr(run, "open_workers", lambda *_: nullcontext(InProcesses()))
+        patch.setattr(work, "DEVICE_LIMIT_S", 0.5)
+        patch.setattr(work, "FULL_BYTES", 1)
+        printed = run_here(capsys, logs, "-o", out, *PLAIN).out
+    rows = {row["id"]: (row["verdict"], row["reason"]) for row in table(out) if row["reason"]}
+    assert rows == {"hangs0.csv": TIMED_OUT, "hangs1.csv": TIMED_OUT, "kills.csv": ("failed", run.LOST)}
+    assert printed.startswith("5 rows: 2 with q and r, 3 failed; 5 of 5 files or row groups done")
+    assert files_of(out) == ANSWER
+    assert "; 3 of 5 files or row groups done" in run_here(capsys, logs, "-o", out, *PLAIN).out  # tried again
+    assert {row["verdict"] for row in table(out) if row["reason"]} == {"failed"}
+
+
+@pytest.mark.slow
+def test_what_failed_is_tried_again_and_nothing_else(tmp_path, at_once, capsys, monkeypatch):
+    h5py = pytest.importorskip("h5py")
+    logs, out = tmp_path / "logs", tmp_path / "out"
+    write_devices(logs, 5)
+    (logs / "empty.csv").write_text("")
+    with h5py.File(logs / "a.h5", "w") as file:
+        file["value"] = [float(abs(i % 90 - 45) + i % 7) for i in range(300)]
+    with monkeypatch.context() as patch:
+        patch.setitem(sys.modules, "h5py", None)
+        run_here(capsys, logs, "-o", out, *PLAIN)
+        assert "pip install" in table(out)[0]["reason"]
+        assert "; 2 of 7 files" in run_here(capsys, logs, "-o", out, *PLAIN).out
+    assert "; 2 of 7 files" in run_here(capsys, logs, "-o", out, *PLAIN).out
+    assert {row["id"] for row in table(out) if row["reason"]} == {"empty.csv"}
+    (logs / "empty.csv").unlink()
+    assert "nothing was missing" in run_here(capsys, logs, "-o", out, *PLAIN).out
+    assert kept(out) == 6  # no trace of the failures
+
+
+def mounted(*argv):
+    return subprocess.run(["mount", "-t", "tmpfs", *argv], capture_output=True).returncode == 0
+
+
+@pytest.mark.skipif(sys.platform != "linux" or os.geteuid() != 0, reason="only root may mount a file system")
+def test_a_disk_that_is_full_is_said_and_the_run_goes_on_when_there_is_room(tmp_path, at_once, capsys):
+    logs, out = tmp_path / "logs", tmp_path / "disk" / "out"
+    write_devices(logs, 30, n=40, comment=20_000)
+    out.parent.mkdir()
+    if not mounted("-o", "size=128k", "tmpfs", out.parent):
+        pytest.skip("no file system can be mounted here")
+    try:
+        for _ in range(2):
+            full = run_here(capsys, logs, "-o", out, *PLAIN, expect=2).err
+            assert full.startswith("kalscope: ")
+            assert full.endswith("the disk is full\n")
+            assert files_of(out) == {"units.sqlite"}
+        done = kept(out)
+        assert 0 < done < 30
+        assert mounted("-o", "remount,size=8m", "tmpfs", out.parent)
+        printed = run_here(capsys, logs, "-o", out, *PLAIN).out
+        assert f"; {30 - done} of 30 files or row groups done" in printed
+        assert [row["id"] for row in table(out)] == sorted(path.name for path in logs.iterdir())
+    finally:
+        subprocess.run(["umount", out.parent], check=True)
+
+
+# ---- on Dask
 
 
 @pytest.fixture(scope="module")

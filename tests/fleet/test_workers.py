@@ -28,17 +28,7 @@ from kalscope.estimation.pool import Pool
 from kalscope.estimation.request import Request
 from kalscope.fleet import work
 from kalscope.fleet.read import FleetOptions, Piece, Unit
-from kalscope.fleet.run import (
-    BATCHES,
-    MAX_BATCH_BYTES,
-    MIN_BATCH_BYTES,
-    Tally,
-    WorkerDied,
-    _Run,
-    lay_out,
-    without_interrupts,
-    workers_here,
-)
+from kalscope.fleet.run import Tally, WorkerDied, _Run, without_interrupts, workers_here
 from kalscope.fleet.store import Row, stored
 from kalscope.fleet.work import note_path
 
@@ -65,14 +55,11 @@ def test_ctrl_c_while_workers_start_is_held_back_from_them_and_not_lost():
     assert signal.SIGINT not in signal.pthread_sigmask(signal.SIG_BLOCK, ())
 
 
-def test_no_more_workers_are_started_than_cores_memory_and_tasks_allow(monkeypatch):
+def test_no_more_workers_are_started_than_cores_memory_and_tasks_allow_and_progress_counts_units(monkeypatch):
     monkeypatch.setattr(dask.system, "CPU_COUNT", 64)
     for memory, tasks, workers in ((16, 1000, 16), (256, 1000, 64), (256, 3, 3), (0, 9, 1)):
         monkeypatch.setattr(distributed.system, "MEMORY_LIMIT", memory * GIB)
         assert workers_here(tasks) == workers
-
-
-def test_progress_counts_what_was_kept_in_both_numbers():
     assert progress_text(Tally(10, 6, done=1, seconds=2.0)) == "7 of 10 done (70 %), 6 s left"
     assert progress_text(Tally(4, 4)) == "4 of 4 done (100 %)"
 
@@ -118,14 +105,6 @@ def test_a_signal_ends_a_run_that_looks_through_its_source(tmp_path):
             "",
             "kalscope: stopped by SIGTERM: what was done is kept: run the same command again to continue\n",
         )
-
-
-@given(st.lists(st.integers(0, 300_000) | st.integers(0, 1 << 30), max_size=300))
-def test_batches_hold_each_unit_once_in_order_and_few_bytes(sizes):
-    limit = min(max(sum(sizes) / BATCHES, MIN_BATCH_BYTES), MAX_BATCH_BYTES)
-    assert [i for batch in lay_out(sizes) for i in batch] == list(range(len(sizes)))
-    assert all(lay_out(sizes))
-    assert all(sum(sizes[i] for i in batch) <= limit for batch in lay_out(sizes) if len(batch) > 1)
 
 
 class Draws:
