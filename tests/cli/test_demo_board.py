@@ -6,14 +6,15 @@ import threading
 
 import numpy as np
 import pytest
+from tests.support.measuring_board import MeasuringBoard
 from tests.support.program import command, end, next_line
 from tests.support.waiting import wait_until
 
-from kalscope import Recording, synthesize
+from kalscope import Recording
 from kalscope.cli import app as cli
 from kalscope.cli import demo_board
-from kalscope.cli.demo_board import BoardLines, Sketch
-from kalscope.export.board import check_board, commands, measure, values_in_use
+from kalscope.cli.demo_board import BoardLines
+from kalscope.export.board import check_board, commands, values_in_use
 from kalscope.export.float32 import Float32Params
 from kalscope.sources.live.source import LiveSource
 
@@ -68,46 +69,21 @@ def test_a_program_that_reads_nothing_is_disconnected(monkeypatch):
         assert reader.recv(100).startswith(b"# kalscope demo-board\r\na:1,b[mV]:2\r\n")
 
 
-@pytest.fixture
-def sketch():
-    """A source that reads a demo board that runs the exported sketch; one channel with white noise, 1000 Hz."""
-    recording = synthesize("constant", n=700, sample_period=0.001, sigma=3.0)
-    with (
-        socket.create_server(("127.0.0.1", 0)) as server,
-        LiveSource(f"tcp://127.0.0.1:{server.getsockname()[1]}") as live,
-        server.accept()[0] as client,
-    ):
-        stop, lines = threading.Event(), Sketch(recording)
-        board = threading.Thread(target=demo_board.send_lines, args=(client, lines, stop))
-        board.start()
-        wait_until(lambda: live.status().accepted > 20, "rows")
-        yield live
-        stop.set()
-        board.join()
-
-
-def test_q_r_and_p0_take_effect_in_the_next_rows_as_in_the_exported_sketch(sketch):
+def test_q_r_and_p0_take_effect_in_the_next_rows_as_in_the_exported_sketch():
     """Bit for bit: `check_board` filters the rows after the restart here."""
     wanted = Float32Params(np.float32(0.37), np.float32(8.1), np.float32(2.5))
-    assert "not understood" in sketch.send("q -1")[0]
-    for line in commands(wanted):
-        (answer,) = values_in_use(sketch, line)
-    assert (answer.q, answer.r, answer.p0) == (wanted.q, wanted.r, wanted.p0)
-    row = sketch.snapshot().first + len(sketch.snapshot().recording)
-    wait_until(lambda: sketch.status().accepted > row + 900, "rows after the restart, and of the next turn")
-    raw, filtered = sketch.snapshot().recording.values[max(row - 200, 0) :].T
+    with MeasuringBoard() as board, LiveSource(board.port) as live:
+        wait_until(lambda: live.status().accepted > 20, "rows")
+        assert "not understood" in live.send("q -1")[0]
+        for line in commands(wanted):
+            (answer,) = values_in_use(live, line)
+        assert (answer.q, answer.r, answer.p0) == (wanted.q, wanted.r, wanted.p0)
+        row = live.snapshot().first + len(live.snapshot().recording)
+        wait_until(lambda: live.status().accepted > row + 900, "rows after the restart")
+        raw, filtered = live.snapshot().recording.values[max(row - 200, 0) :].T
     check = check_board(raw, filtered, wanted)
     assert check.rows > 800
     assert check.different == 0
-
-
-def test_the_sketch_of_a_demo_board_measures_its_own_noise(sketch):
-    (found,) = measure(sketch, None, 0.5, lambda *_: None)
-    assert found.answer.samples + found.answer.spikes == 424
-    assert found.answer.r == pytest.approx(found.here.r, rel=1e-6)
-    assert found.answer.r == pytest.approx(9.0, rel=0.3)
-    (answer,) = values_in_use(sketch)
-    assert (answer.q, answer.r) == (found.answer.q, found.answer.r)
 
 
 def test_a_taken_port_is_refused_in_one_line(capsys):

@@ -5,13 +5,9 @@ from __future__ import annotations
 from types import SimpleNamespace
 
 import pytest
-from typer import Typer
-from typer.testing import CliRunner
 
 from kalscope.cli.app import run
-from kalscope.cli.options import reads_source
 from kalscope.papers import reproduction
-from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions, option_words, options_from_text
 from kalscope.tuning.file import save_tuning
 from kalscope.tuning.tuning import ChannelTuning, Tuning
 from kalscope_app.main import add_dashboard
@@ -46,30 +42,6 @@ def test_every_command_refuses_the_same_wrong_options(capsys, command):
         out, err = capsys.readouterr()
         assert (out, err.count("\n")) == ("", 1)
         assert says in err
-
-
-EXAMPLES = [
-    {},
-    {"delimiter": "tab", "decimal": "comma", "time_column": "3", "time_unit": "millis"},
-    {"time_column": "none", "header_row": "0", "unit_row": "2", "rate": "250 Hz"},
-    {"time_format": "%d.%m.%Y %H:%M", "day_first": True, "missing": ("-200", "n/x", "-"), "gaps": "dt"},
-    {"time_column": "-t", "day_first": False, "part": "/imu/data", "rate": "0.1"},
-]
-
-
-@pytest.mark.parametrize("given", EXAMPLES)
-def test_options_written_as_words_are_read_back_the_same(given):
-    options = options_from_text(**given)
-    seen = []
-    program = Typer()
-
-    @program.command()
-    @reads_source
-    def command(reading: ReadOptions = DEFAULTS) -> None:
-        seen.append(reading)
-
-    assert CliRunner().invoke(program, list(option_words(options))).exit_code == 0
-    assert seen == [options]
 
 
 FILTER = "filter demo --q 1 --r 9 -o out.csv", "out.csv"

@@ -12,12 +12,14 @@ import threading
 import time
 import tty
 from contextlib import contextmanager, suppress
+from itertools import chain, repeat
 from pathlib import Path
 from statistics import median
 
 import numpy as np
 import pytest
 from tests.support.effort import FUZZ
+from tests.support.line_sender import MAX_LINES, line_sender
 from tests.support.program import command, end, free_port
 from tests.support.waiting import PATIENCE, wait_until
 
@@ -118,47 +120,22 @@ def test_ctrl_c_leaves_all_rows_and_the_account(tmp_path):
     assert os.listdir(tmp_path) == ["run.csv"]  # the torn first line is counted, and opens no file of rejects
 
 
-class Flood:
-    """A socket that sends so many lines `number,half of it` as fast as they are taken, then one now and then."""
-
-    def __init__(self, lines):
-        self._listener = socket.create_server(("127.0.0.1", 0))
-        self.port = f"socket://127.0.0.1:{self._listener.getsockname()[1]}"
-        self._block, self._blocks = b"".join(b"%d,%.1f\n" % (i, i / 2) for i in range(10_000)), lines // 10_000
-        self.sent, self.late = lines, 0
-        self._end = threading.Event()
-        self._thread = threading.Thread(target=self._run)
-
-    def __enter__(self):
-        self._thread.start()
-        return self
-
-    def __exit__(self, *_):
-        self._end.set()
-        self._thread.join()
-        self._listener.close()
-
-    def _run(self):
-        with self._listener.accept()[0] as client, suppress(OSError):
-            for _ in range(self._blocks):
-                client.sendall(self._block)
-            while not self._end.wait(0.02):
-                client.sendall(b"-1,-0.5\n")
-                self.late += 1
-
-
 SMALL_QUEUE = "from kalscope.sources.live import source; source.MAX_WAITING_BYTES = 2**18"
+BLOCK = b"".join(b"%d,%.1f\n" % (i, i / 2) for i in range(10_000))
 
 
 def test_a_flood_is_recorded_as_far_as_possible_and_every_line_of_it_counted(tmp_path):
     path = tmp_path / "run.csv"
-    with Flood(300_000) as board, record(board, path, change=SMALL_QUEUE) as process:
+    with (
+        line_sender(1000.0, lambda: chain(repeat(BLOCK, 30), repeat(b"-1,-0.5\n"))) as address,
+        command("record", address, "-o", path, change=SMALL_QUEUE) as process,
+    ):
         next(line for line in process.stderr if "the port sends faster than it can be read" in line)
         wait_until(lambda: b",-1,-0.5\n" in path.read_bytes()[-4096:], "a line after the flood")
         status, out, err = end(process, signal.SIGINT)
     assert status == 0, err
     received, written, rejected, _ = account_of(out)
-    assert board.sent <= received <= board.sent + board.late
+    assert 300_000 <= received <= 300_000 + MAX_LINES
     assert (sum(number == 2 * half for number, half in rows_in(path)), rejected) == (written, 0)
     assert "# gap overrun " in path.read_text()
 
