@@ -48,7 +48,7 @@ FILTER = "filter demo --q 1 --r 9 -o out.csv", "out.csv"
 REPORT = "report demo --config tuning.toml -o page.html", "page.html"
 EXPORT = "export tuning.toml --to c -o .", "kalscope_filter.h"
 REPRODUCE = "reproduce --json -o .", "results.json"
-TUNE = "tune demo -o saved.toml", "saved.toml"
+TUNE = "tune demo --lag-ms 50 -o saved.toml", "saved.toml"
 RECORD = "record socket://127.0.0.1:9 --no-reconnect -o run.csv", "run.csv"
 
 

@@ -6,7 +6,6 @@ import os
 import random
 import re
 import signal
-import socket
 import tempfile
 import threading
 import time
@@ -16,11 +15,10 @@ from itertools import chain, repeat
 from pathlib import Path
 from statistics import median
 
-import numpy as np
 import pytest
 from tests.support.effort import FUZZ
 from tests.support.line_sender import MAX_LINES, line_sender
-from tests.support.program import command, end, free_port
+from tests.support.program import command, end
 from tests.support.waiting import PATIENCE, wait_until
 
 from kalscope.sources.reading.recording_file import read_recording
@@ -193,24 +191,3 @@ def test_killed_at_any_moment_it_loses_a_quarter_of_a_second_at_most_and_invents
             lost.append(received - 1 - rows[-1][0])
             assert len(read_recording(path)) == len(rows)
     assert median(lost) <= rate / 4  # a busy machine may hold the program up between a read and its write
-
-
-def test_datagrams_are_recorded_and_the_recording_opens_again(tmp_path):
-    path, port = tmp_path / "run.csv", free_port(socket.SOCK_DGRAM)
-    with (
-        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as board,
-        command("record", f"udp://:{port}", "-o", path) as process,
-    ):
-        wait_until(lambda: path.exists() or process.returncode is not None, "the recording")
-        for i in range(500):
-            board.sendto(b"temp:%d:%d|g\nhum:%d:%d\nstate:ok|t" % (10 * i, i, 10 * i, -i), ("127.0.0.1", port))
-            time.sleep(0.001)
-        wait_until(lambda: b",-499\n" in path.read_bytes(), "the last line")
-        status, out, err = end(process)
-    assert status == 0, err
-    assert "received 1000 lines = 1000 written + 0 rejected + 0 dropped; 500 others" in out
-    assert f"# source: udp://:{port}" in path.read_text()
-    again = read_recording(path)
-    for name, sign in (("temp", 1), ("hum", -1)):
-        values = again.channel(name)
-        np.testing.assert_array_equal(values[np.isfinite(values)], sign * np.arange(500))

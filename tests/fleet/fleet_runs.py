@@ -30,17 +30,11 @@ def write_devices(folder, count, n=200, comment=0):
         (folder / f"dev{i:04d}.csv").write_text(f"# {'x' * comment}\ntime (s),light (lx)\n" + "".join(rows))
 
 
-def table(folder):
-    """The table as a list of rows without the time that they took."""
+def table(folder, *without):
+    """The table as a list of rows, without the time that they took and these columns."""
     import pyarrow.parquet as pq
 
-    return pq.ParquetFile(folder / "fleet.parquet").read().drop_columns(["seconds"]).to_pylist()
-
-
-def fits(folder):
-    """The same without what each loses by the filter for all, which is another one where a device is."""
-    lost = ("lag_loss_samples", "noise_loss_db", "error_growth")
-    return [{name: value for name, value in row.items() if name not in lost} for row in table(folder)]
+    return pq.ParquetFile(folder / "fleet.parquet").read().drop_columns(["seconds", *without]).to_pylist()
 
 
 ANSWER = {"units.sqlite", "fleet.parquet", "fleet.json", "tuning.toml"}

@@ -14,24 +14,18 @@ from contextlib import nullcontext
 import distributed
 import psutil
 import pytest
-from tests.fleet.fleet_runs import (
-    ANSWER,
-    PLAIN,
-    InProcesses,
-    files_of,
-    fits,
-    kept,
-    run_here,
-    table,
-    write_devices,
-)
+from tests.fleet.fleet_runs import ANSWER, PLAIN, InProcesses, files_of, kept, run_here, table, write_devices
 from tests.support.forked import Forked
 from tests.support.program import command, next_line
 from tests.support.waiting import PATIENCE, wait_until
 
 from kalscope.cli.app import run as kalscope
+from kalscope.errors import BadSetting
 from kalscope.fleet import run, work
 from kalscope.fleet.store import STORE, open_store
+
+LOST = "lag_loss_samples", "noise_loss_db", "error_growth"
+"""What each loses by the filter for all, which is another one where a device is."""
 
 
 @pytest.mark.slow
@@ -39,12 +33,12 @@ def test_a_rerun_does_only_what_is_missing_or_changed(tmp_path, at_once, capsys)
     logs, out = tmp_path / "logs", tmp_path / "out"
     write_devices(logs, 12)
     run_here(capsys, logs, "-o", out, *PLAIN)
-    whole = {row["id"]: row for row in fits(out)}
+    whole = {row["id"]: row for row in table(out, *LOST)}
     (logs / "dev0007.csv").write_text("time (s),light (lx)\n0.0,1\n0.1,5\n0.2,2\n")
     (logs / "dev0008.csv").unlink()
     write_devices(logs / "new", 1)
     assert "; 2 of 12 files or row groups done" in run_here(capsys, logs, "-o", out, *PLAIN).out
-    rows = {row["id"]: row for row in fits(out)}
+    rows = {row["id"]: row for row in table(out, *LOST)}
     assert rows.pop("dev0007.csv")["samples"] == 3
     assert rows.pop("new/dev0000.csv")["samples"] == 200
     assert rows == {name: row for name, row in whole.items() if name not in ("dev0007.csv", "dev0008.csv")}
@@ -238,23 +232,31 @@ EMPTY = 20480
 HOLDER = """
 import time
 from pathlib import Path
+from kalscope.estimation.pool import Pool
 from kalscope.fleet.run import open_workers
-from kalscope.fleet.store import open_store
-with open_store(Path()), open_workers(None, 1):
-    print("workers", flush=True)
+from kalscope.fleet.store import Row, open_store, stored
+def units():
+    yield from [stored(f"{i}", [Row("a", verdict="ok")] * 1000, Pool.empty()) for i in range(100)]
+    print("held", flush=True)
     time.sleep(1e6)
+with open_store(Path()) as store, open_workers(None, 1):
+    store.keep([stored("k", [Row("a", verdict="ok")], Pool.empty())])
+    store.keep(units())
 """
 
 
-def test_a_killed_driver_leaves_no_worker_and_no_lock(tmp_path):
+def test_a_killed_driver_leaves_whole_batches_no_worker_and_no_lock(tmp_path):
     with Forked(HOLDER, tmp_path, os.environ) as driver:
-        assert next_line(driver) == "workers\n"
+        assert next_line(driver) == "held\n"
+        with pytest.raises(BadSetting, match="no other run writes") as refused, open_store(tmp_path):
+            pass
+        assert "\n" not in str(refused.value)
         below = psutil.Process(driver.pid).children(recursive=True)
         assert workers_of(driver)
     _, alive = psutil.wait_procs(below, timeout=PATIENCE)
     assert alive == []
-    with open_store(tmp_path):
-        pass
+    with open_store(tmp_path) as store:
+        assert store.settled() == {"k"}
 
 
 @pytest.mark.slow

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import random
 import sqlite3
 from contextlib import closing
@@ -11,8 +10,6 @@ import numpy as np
 import pytest
 from tests.fleet.fleet_runs import ANSWER, PLAIN, files_of, run_here, write_devices
 from tests.support.effort import FUZZ
-from tests.support.forked import Forked
-from tests.support.program import next_line
 
 from kalscope.errors import BadFile, BadSetting
 from kalscope.estimation.many import series_of
@@ -50,30 +47,6 @@ def test_the_table_is_the_same_in_whatever_order_units_were_stored(tmp_path, see
         whole = whole + contents[key][1]
     assert np.array_equal(pool.sums, whole.sums)  # bit by bit: added up in the order of the fleet
     assert (pool.devices, pool.innovations) == (whole.devices, whole.innovations)
-
-
-HOLD = """
-import sys, time, pathlib
-from kalscope.estimation.pool import Pool
-from kalscope.fleet.store import Row, open_store, stored
-def units():
-    yield from [stored(f"{i}", [Row("a", verdict="ok")] * 1000, Pool.empty()) for i in range(100)]
-    print("held", flush=True)
-    time.sleep(1e6)
-with open_store(pathlib.Path()) as store:
-    store.keep([stored("k", [Row("a", verdict="ok")], Pool.empty())])
-    store.keep(units())
-"""
-
-
-def test_a_folder_has_one_run_and_one_that_dies_leaves_whole_batches(tmp_path):
-    with Forked(HOLD, tmp_path, os.environ) as other:
-        assert next_line(other) == "held\n"
-        with pytest.raises(BadSetting, match="no other run writes") as refused, open_store(tmp_path):
-            pass
-        assert "\n" not in str(refused.value)
-    with open_store(tmp_path) as store:
-        assert store.settled() == {"k"}
 
 
 def test_a_file_is_no_folder_of_results_and_a_folder_no_database(tmp_path):

@@ -227,8 +227,8 @@ def chained(*lines):
     return only("[channel.chain]", *lines)
 
 
-def fused(*lines, head='name = "x"\nq = 1'):
-    return "\n".join([only(), "[fusion]", head, *lines, ""])
+def fused(*lines):
+    return "\n".join([only(), "[fusion]", 'name = "x"', "q = 1", *lines, ""])
 
 
 SENSOR = '[[fusion.sensors]]\nname = "a"\nr = 1'
@@ -237,10 +237,8 @@ HOSTILE = [
     ("format = 6", "format must be 1, 2, 3, 4 or 5: a newer Kalscope may have written this file (got 6)"),
     ("format = true", "format must be 1, 2, 3, 4 or 5 (got True)"),
     (only("momentum = 2e5"), "'a': momentum must be a number of sample periods from 0 to 1e5 (got"),
-    (only("momentum = true"), "Expected `float | null`, got `bool` - at `$.channel[0].momentum`"),
     ("format = 1", "Object missing required field `channel`"),
     ("format = 1\nchannel = []", "tuning must hold at least one channel (got none)"),
-    ("format = 1\nchannel = [5]", "Expected `object`, got `int` - at `$.channel[0]`"),
     (channel("q = 1", "r = 1"), "Object missing required field `name` - at `$.channel[0]`"),
     (channel('name = "a"', "q = 1"), "'a': r must be a finite variance from 0 to 1e300 (got None)"),
     (channel('name = "a"', 'q = "1"', "r = 1"), "Expected `float`, got `str` - at `$.channel[0].q`"),
@@ -252,14 +250,12 @@ HOSTILE = [
     (only("x0 = 1"), "x0 needs p0"),
     (only() + '[[channel]]\nname = "a"\nq = 1\nr = 1', "distinct names"),
     ("selected = 'z'\n" + only(), "selected must be one of ['a'] (got 'z')"),
-    ("source = 5\n" + only(), "Expected `object`, got `int` - at `$.source`"),
     ("source.sample_period = 0\n" + only(), "sample_period must be a finite number above 0"),
     ("not toml at all", "must be TOML text (got: "),
     ("x = " + "[" * 100_000, "must be TOML text (got brackets nested without end)"),
     ("x" * 1_000_001, "at most 1000000 characters (got 1000001)"),
     (chained("filter = 'moving-average'", "window = 1000000000"), "window must be a whole number from 1 to 100000"),
     (chained("filter = 'moving-average'", "window = 'ten'"), "'a': Expected `int`, got `str` - at `$.window`"),
-    (chained("filter = 'moving-average'"), "'a': Object missing required field `window`"),
     (chained("filter = 'median'", "window = 4"), "window must be an odd number of samples, such as 5 (got 4)"),
     (chained("filter = 'kalman'", "median = 100001"), "median must be a whole number from 1 to 99999 (got 100001"),
     (
@@ -267,16 +263,10 @@ HOSTILE = [
         "a chain must have a median of at least 3 samples, a notch, or a filter in place",
     ),
     (chained("filter = 'exponential'", "alpha = 0"), "alpha must be a number from 9.31e-10 to 1 (got 0.0)"),
-    (chained("filter = 'butterworth'", "cutoff = 0.5"), "cutoff in cycles per sample must be a number from 1e-06"),
     (chained("filter = 'one-euro'", "cutoff = 1", "beta = -1", "speed_cutoff = 1"), "beta must be a number from 0"),
-    (chained("filter = 'one-euro'", "cutoff = inf", "beta = 1"), "Object missing required field `speed_cutoff`"),
     (chained("filter = 'power-of-two'", "shift = -2"), "'a': "),
-    (chained("median = 3", "filter = []"), "'a': Expected `str`, got `array`"),
     (chained("filter = 'alpha-beta'"), 'filter of the chain must be "moving-average", "exponential"'),
-    (fused(SENSOR, head="q = 1"), "Object missing required field `name` - at `$.fusion`"),
-    (fused(), "Object missing required field `sensors` - at `$.fusion`"),
     (fused("sensors = []"), "Expected `array` of length >= 1 - at `$.fusion.sensors`"),
-    (fused('[[fusion.sensors]]\nname = "a"'), "missing required field `r` - at `$.fusion.sensors[0]`"),
     (fused(SENSOR, "gain = '1'"), "Expected `float`, got `str` - at `$.fusion.sensors[0].gain`"),
     (fused(SENSOR.replace("r = 1", "r = -1")), "'x': r must"),
     (fused(SENSOR, SENSOR), "'x': sensors of a fusion must have distinct names (got ['a', 'a'])"),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from dataclasses import replace
 
 import numpy as np
@@ -10,10 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kalscope import ChannelTuning, Tuning, export_tuning, kalman_filter
+from kalscope import ChannelTuning, Tuning, kalman_filter
 from kalscope.classic import Butterworth, Chain, Exponential, Median, MovingAverage, Notch, OneEuro
 from kalscope.errors import BadSetting
-from kalscope.estimation.request import Noise, Request, find_parameters
 from kalscope.filtering.classic import ChainFilter
 from kalscope.tuning.choose import rescaled
 from kalscope.tuning.tuning import rescaled_to_period
@@ -68,25 +66,6 @@ def test_a_rescaled_filter_with_momentum_sees_the_same_signal():
     halved = kalman_filter(fine, tuning.rescaled(0.005).channel("a").params)
     np.testing.assert_allclose(halved.x[1::2], coarse.x, rtol=0.0, atol=1e-11)
     np.testing.assert_allclose(halved.p[1::2], coarse.p, rtol=1e-12)
-
-
-LAGS = re.compile(r"(?:at ([\d.e-]+) s: )?a lag of ([\d.e-]+) ms|lag behind a ramp \S+ samples = (\S+) s")
-
-
-@pytest.mark.parametrize("period", [0.001, 0.005, 0.1])
-def test_no_header_states_two_lags_for_one_period(period):
-    z = np.random.default_rng(1).normal(0.0, 3.0, 500).cumsum()
-    found = find_parameters(z, Request(target={"lag_s": 0.05}, noise=Noise(r=4.0)), sample_period=0.005)
-    tuning = Tuning((ChannelTuning.of_params("a", "V", found.params, found.how),), sample_period=0.005)
-    text = export_tuning(rescaled_to_period(tuning, period), "c", channel="a")["kalscope_filter.c"]
-    lags = {}
-    for at, wanted, settled in LAGS.findall(text):
-        here = float(at) if at else period
-        lags.setdefault(here, []).append(float(wanted) / 1e3 if wanted else float(settled))
-    assert len(lags[period]) >= 1
-    assert sum(map(len, lags.values())) == 2, "both lines stand in the header"
-    for same in lags.values():
-        assert same == pytest.approx([same[0]] * len(same), rel=1e-3)
 
 
 # ---- chains
