@@ -50,6 +50,8 @@ def test_a_stream_and_a_record_that_grows_give_the_bits_of_the_whole():
 
 ONE_EURO = Path(__file__).parents[2] / "../shared/data/one_euro_truth/groundTruth.csv"
 EVEN = np.empty(0)
+LONGEST = 20_001
+"""Samples of a median that scipy takes over."""
 
 
 def filtered(z, stage, kind=np.float64):
@@ -100,13 +102,16 @@ def test_each_is_what_scipy_and_numpy_compute():
     cases = [(Notch(*of), notch(*of)) for of in ((0.01, 0.001), (0.2, 0.05), (0.49, 0.2))]
     cases += [(Butterworth(f), low_pass(f)) for f in (0.49, 0.1, 0.003)]
     cases += [(Exponential(a), smoothing(a)) for a in (1.0, 0.4, 0.002)]
-    cases += [(Median(n), middle(n)) for n in (1, 3, 9, 201)]
+    cases += [(Median(n), middle(n)) for n in (1, 3, 9, 201, LONGEST)]
     cases += [(MovingAverage(n), lambda seen, n=n: mean_of(seen, n)) for n in (1, 2, 9, 500)]
     for stage, oracle in cases:
         bound = 0.0 if isinstance(stage, Median) else 1e-12 * np.nanmax(np.abs(z))
         apart = np.abs(filtered(z, stage) - holding(z, oracle))
         assert np.nanmax(apart) <= bound, stage
         assert np.array_equal(np.isnan(apart), np.arange(len(z)) < 3), stage
+    in_pieces = RunningStage(Median(LONGEST))
+    pieces = [in_pieces.take(z[at], EVEN) for at in (slice(2900), slice(2900, None))]
+    assert np.concatenate(pieces).tobytes() == filtered(z, Median(LONGEST)).tobytes()
 
 
 def test_a_low_pass_of_a_low_cut_off_trails_a_ramp_by_its_lag_to_the_last_digits():
