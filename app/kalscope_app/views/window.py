@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import json
 import logging
+import math
+import time
 from collections.abc import Callable, Iterable, Iterator
 from functools import partial
 from importlib.resources import files
 from pathlib import Path
+from threading import Lock
 from typing import Any, Literal, cast
 from weakref import WeakKeyDictionary
 
@@ -139,6 +142,9 @@ class Panels:
 
 log = logging.getLogger(__name__)
 
+NOTICE_S = 8.0
+"""Seconds that a notification stays."""
+
 
 class Notifications:
     """Shows one sentence at a time in every browser, and logs it. Any thread may call it."""
@@ -147,7 +153,8 @@ class Notifications:
         """Args: the server of the browsers; the log, named where something went wrong."""
         self._server, self._log_file = server, log_file
         self._shown = WeakKeyDictionary[viser.ClientHandle, viser.NotificationHandle]()
-        self._missed: tuple[str, str, bool] | None = None
+        self._last, self._ends = ("", "", True), 0.0  # on the monotonic clock, s
+        self._lock = Lock()  # a browser may connect, on a thread of its own, while something is told
         self.is_ending = False
         """True during shutdown: errors are only logged, since what still runs may find the server closed."""
 
@@ -177,25 +184,30 @@ class Notifications:
         self._show("Something went wrong", sentence_for(error, self._log_file))
 
     def attach(self, client: viser.ClientHandle) -> None:
-        """Show a browser what nobody has seen yet, such as the note of what is opened first."""
-        if self._missed is not None:
-            self._show_in(client, *self._missed)
-        self._missed = None
+        """Show a browser what nobody has seen yet, or what it has only begun to show in a connection before."""
+        with self._lock:
+            if client not in self._shown and time.monotonic() < self._ends:
+                self._ends = time.monotonic() + NOTICE_S
+                self._show_in(client, *self._last)
 
     def _show(self, title: str, message: str, *, good: bool = False) -> None:
         """One notification; plain text, so nothing in it can act as markup."""
         (log.info if good else log.warning)("%s", message)
-        clients = self._server.get_clients().values()
-        self._missed = None if clients else (title, message, good)
-        for client in clients:
-            self._show_in(client, title, message, good)
+        with self._lock:
+            clients = self._server.get_clients().values()
+            self._last, self._ends = (title, message, good), time.monotonic() + NOTICE_S if clients else math.inf
+            for client in clients:
+                self._show_in(client, title, message, good)
 
     def _show_in(self, client: viser.ClientHandle, title: str, message: str, good: bool) -> None:
         before = self._shown.get(client)
         if before is not None:  # one at a time: a stack of them would cover the charts
             before.remove()
         self._shown[client] = client.add_notification(
-            title=title, body=message[:1000], auto_close_seconds=8.0, color=(0, 158, 115) if good else (213, 94, 0)
+            title=title,
+            body=message[:1000],
+            auto_close_seconds=NOTICE_S,
+            color=(0, 158, 115) if good else (213, 94, 0),
         )
 
 
