@@ -1,4 +1,4 @@
-"""What all tests share: profiles and markers of a run, the Nile flows, and where the real recordings lie."""
+"""What all tests share: profiles and markers of a run, records of the literature, an Arduino in a simulated Uno."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import gc
 import os
 import signal
 import subprocess
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from functools import cache
 from pathlib import Path
 from types import ModuleType
@@ -16,18 +16,17 @@ import numpy as np
 import pytest
 import typer
 from hypothesis import settings
+from numpy.typing import ArrayLike
 
 from kalscope.cli.app import COMMANDS
 from kalscope.export import board
 from kalscope.sources.live import source
-from tests.support.board_fixtures import start_board, stream_sketch, workshop
+from tests.support.board import SKETCHES, Firmware, Uno, Workshop, missing, write_counts
 from tests.support.effort import EXAMPLES, FUZZ
+from tests.support.required import not_here
 from tests.support.waiting import PATIENCE
 
-__all__ = ["start_board", "stream_sketch", "workshop"]  # fixtures for every folder
-
 ROOT = Path(__file__).parents[1]
-SHARED_DATA = ROOT.parent / "shared" / "data"
 
 STARTERS = {
     "tests.app.attack_table",
@@ -134,3 +133,38 @@ def nile():
         (line for line in (ROOT / "sample_data" / "nile.csv").read_text().splitlines() if line[:1].isdigit()),
         delimiter=",",
     )[:, 1]
+
+
+@pytest.fixture(scope="session")
+def workshop(tmp_path_factory: pytest.TempPathFactory) -> Workshop:
+    """Compiles sketches."""
+    if lacking := missing():
+        not_here(f"not installed: {', '.join(lacking)}")
+    folder = tmp_path_factory.getbasetemp()
+    if "PYTEST_XDIST_WORKER" in os.environ:
+        folder = folder.parent  # all workers share it
+    folder /= "workshop"
+    folder.mkdir(exist_ok=True)
+    return Workshop(folder)
+
+
+@pytest.fixture(scope="session")
+def stream_sketch(workshop: Workshop) -> Firmware:
+    """Our streaming sketch as it is shipped."""
+    return workshop.sketch(SKETCHES / "kalscope_stream/kalscope_stream.ino")
+
+
+@pytest.fixture
+def start_board(workshop: Workshop, tmp_path: Path) -> Iterator[Callable[..., Uno]]:
+    """start_board(firmware, counts, *options, name="uno") -> Uno; every board is stopped at the end of the test."""
+    boards: list[Uno] = []
+
+    def start(firmware: Firmware, counts: ArrayLike = 512, *options: object, name: str = "uno") -> Uno:
+        adc = write_counts(tmp_path / f"{name}-counts.txt", counts)
+        port, log = tmp_path / name, tmp_path / f"{name}-{len(boards)}.log"  # a port of its own: tests do not meet
+        boards.append(Uno(workshop.uno, firmware, port, log, ("--adc", adc, *options)))
+        return boards[-1]
+
+    yield start
+    for one in boards:
+        one.stop()

@@ -6,28 +6,19 @@ import contextlib
 import shutil
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import pytest
 from tests.browser.chromium import CHROMIUM, FLAGS
-from tests.browser.screen import Screen, dashboard
-from tests.browser.shared_page import SharedPage, shared_page
+from tests.browser.screen import Screen, SharedPage, dashboard, shared_page
 from tests.support.required import not_here
 
 FIREFOX = next(filter(None, map(shutil.which, ("firefox-esr", "firefox"))), None)
-CHANNEL = "moz-firefox"
-"""Playwright's name for a Firefox that it has not patched."""
-PREFERENCES = {
-    "webgl.disabled": True,  # nobody needs WebGL: as in the Chromium of the tests
-}
-
-
-if TYPE_CHECKING:
-    from playwright.sync_api import Browser, Playwright
+UNPATCHED = "moz-firefox"
+"""Playwright's name for a Firefox as it is installed."""
 
 
 @pytest.fixture(scope="session")
-def playwright() -> Iterator[Playwright]:
+def playwright():
     """What drives browsers."""
     try:
         from playwright.sync_api import sync_playwright
@@ -38,7 +29,7 @@ def playwright() -> Iterator[Playwright]:
 
 
 @pytest.fixture(scope="session")
-def browser(playwright: Playwright) -> Iterator[Browser]:
+def browser(playwright):
     """A headless Chromium. Take a fresh `browser.new_context()` for each visitor: they share no cookies."""
     if CHROMIUM is None:
         not_here("Chromium is not installed")
@@ -48,13 +39,12 @@ def browser(playwright: Playwright) -> Iterator[Browser]:
 
 
 @pytest.fixture(scope="module")
-def firefox(playwright: Playwright) -> Iterator[Browser]:
+def firefox(playwright):
     """A headless Firefox, to be used as the Chromium."""
     if FIREFOX is None:
         not_here("Firefox is not installed")
-    browser = playwright.firefox.launch(
-        channel=CHANNEL, executable_path=FIREFOX, firefox_user_prefs=dict(PREFERENCES)
-    )
+    no_webgl = {"webgl.disabled": True}  # nobody needs it: as in the Chromium of the tests
+    browser = playwright.firefox.launch(channel=UNPATCHED, executable_path=FIREFOX, firefox_user_prefs=no_webgl)
     yield browser
     browser.close()
 
@@ -74,16 +64,14 @@ def tmp_path(program_folder: Path) -> Path:
 
 
 @pytest.fixture(scope="session")
-def one_page(
-    browser: Browser, program_folder: Path, tmp_path_factory: pytest.TempPathFactory
-) -> Iterator[SharedPage]:
+def one_page(browser, program_folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[SharedPage]:
     """A page that shows one source after the other."""
     with shared_page(browser, program_folder, tmp_path_factory.mktemp("own")) as screen:
         yield screen
 
 
 @pytest.fixture
-def start(browser: Browser, tmp_path: Path, request: pytest.FixtureRequest) -> Iterator[Callable[..., Screen]]:
+def start(browser, tmp_path: Path, request: pytest.FixtureRequest) -> Iterator[Callable[..., Screen]]:
     """Open a page on a source: the one that tests share, or with `own` a program and a page of its own."""
     with contextlib.ExitStack() as running:
 

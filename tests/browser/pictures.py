@@ -17,22 +17,16 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from PIL import Image
 from tests.browser.chromium import CHROMIUM, FLAGS
-from tests.browser.screen import FIND, Screen, dashboard
-from tests.browser.shared_page import SharedPage, shared_page
+from tests.browser.screen import FIND, Screen, SharedPage, dashboard, shared_page
 from tests.support.fleet_folder import run_steps
 from tests.support.program import command, next_line
 from tests.support.waiting import PATIENCE
 
 from kalscope.estimation.request import Request
 from kalscope.fleet.read import FleetOptions
-from kalscope_app.views.goal import MORE_FOLDER
-
-if TYPE_CHECKING:
-    from playwright.sync_api import Browser
 
 DOCS = Path(__file__).parents[2] / "docs"
 FOLDER = DOCS / "pictures"
@@ -82,9 +76,7 @@ def goal(lag_ms: str) -> Callable[[Screen], None]:
 def in_the_dark(screen: Screen) -> None:
     """The goal *maximum lag* is applied, in the dark theme."""
     goal("50")(screen)
-    screen.tab("View")
-    screen.page.get_by_text("dark theme").click()
-    screen.wait("() => document.documentElement.dataset.mantineColorScheme === 'dark'")
+    screen.darken()
     screen.tab("Tune")
 
 
@@ -97,26 +89,25 @@ def on_a_phone(screen: Screen) -> None:
 def best_fit(screen: Screen) -> None:
     """The goal *best fit* is applied."""
     screen.choose("goal", "best fit")
-    press(screen, "Apply")
-    screen.page.get_by_text(re.compile("Before: ")).first.wait_for()
+    screen.press("Apply")
+    screen.wait_for_text("Before: ")
 
 
 def momentum(screen: Screen) -> None:
     """The filter with 50 ms of lag and 10 % of overshoot is typed in."""
     screen.type("process noise q", "7.395")
-    screen.page.get_by_text(MORE_FOLDER, exact=True).click()
+    screen.open_more()
     screen.type("momentum", "390 ms")
     screen.page.get_by_text("keeps direction", exact=True).wait_for()
 
 
 def fused(screen: Screen) -> None:
     """Sonar and float are fused."""
-    screen.page.get_by_text(MORE_FOLDER, exact=True).click()
+    screen.open_more()
     screen.page.get_by_text("Fuse sensors", exact=True).click()
     for name in ("sonar", "float"):
-        screen.pause()
-        screen.page.get_by_label(re.compile(f"^{name}(: share .*)?$")).click()
-    press(screen, "Fuse")
+        screen.tick(name)
+    screen.press("Fuse")
     screen.wait(f"() => ({FIND})('fused')")
 
 
@@ -124,12 +115,10 @@ def fleet(screen: Screen) -> None:
     """A fleet is open, and the device that is most unlike the others."""
     screen.tab("Source")
     screen.type("path", "result")
-    screen.page.get_by_text(
-        "Live board", exact=True
-    ).click()  # the ports of this machine are no part of the picture
+    screen.page.get_by_text("Live board", exact=True).click()  # this machine's ports are no part of the picture
     screen.page.locator(".kalscope-map > div").wait_for()
     screen.choose("open device", "1. dev20.csv")
-    screen.page.get_by_text("dev20.csv").first.wait_for()
+    screen.wait_for_text("dev20.csv")
 
 
 def fleet_of_the_guide(folder: Path) -> None:
@@ -145,14 +134,14 @@ def live(screen: Screen) -> None:
     """Ten seconds of a board have arrived, and the chart stands still."""
     screen.wait(f"() => ({FIND})('raw')?.data[0].length > 450")
     goal("50")(screen)
-    press(screen, "Pause")
-    screen.page.get_by_text("live, paused").first.wait_for()
+    screen.press("Pause")
+    screen.wait_for_text("live, paused")
 
 
 def tuning_map(screen: Screen) -> None:
     """The map is open."""
     best_fit(screen)
-    press(screen, "Map")
+    screen.press("Map")
     screen.page.locator(".kalscope-map > div").wait_for()
 
 
@@ -171,12 +160,6 @@ PICTURES = {
 }
 
 
-def press(screen: Screen, name: str) -> None:
-    """Press a button."""
-    screen.pause()
-    screen.page.get_by_role("button", name=name, exact=True).click()
-
-
 def said(screen: Screen, picture: Picture) -> list[str]:
     """What stands on the screen once its loops are compiled, each text with its colour."""
     from playwright.sync_api import expect  # absent where these tests are skipped
@@ -188,7 +171,7 @@ def said(screen: Screen, picture: Picture) -> list[str]:
 
 
 @contextmanager
-def on_screen(picture: Picture, browser: Browser, page: SharedPage, folder: Path) -> Iterator[Screen]:
+def on_screen(picture: Picture, browser, page: SharedPage, folder: Path) -> Iterator[Screen]:
     """The screen of a picture, on the page that serves all, or on one of its own for a board and for a phone.
 
     A page that was a phone's has a narrower panel in a wide window.

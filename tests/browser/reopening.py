@@ -20,6 +20,7 @@ from kalscope_app.session.state import State
 
 SOURCE = "demo"
 """What the program is started on."""
+BUTTONS = viser.GuiButtonHandle | viser.GuiButtonGroupHandle | viser.GuiUploadButtonHandle
 
 
 def connect(address: str) -> None:
@@ -72,10 +73,8 @@ def fitted_state(source: str) -> State:
 
 def choice_of(handle: Any) -> dict[str, object]:
     """What a user can choose or type in a widget, by name; empty for buttons."""
-    if isinstance(handle, viser.GuiDropdownHandle):
-        return {"options": handle.options, "value": handle.value}
-    is_button = isinstance(handle, viser.GuiButtonHandle | viser.GuiButtonGroupHandle | viser.GuiUploadButtonHandle)
-    return {} if is_button else {"value": handle.value}
+    names = () if isinstance(handle, BUTTONS) else ("options", "value")
+    return {name: getattr(handle, name) for name in names if hasattr(handle, name)}
 
 
 def show(dashboard: Dashboard, state: State) -> None:

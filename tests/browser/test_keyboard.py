@@ -7,8 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from tests.browser.screen import filtered
 
-from kalscope import kalman_filter, open_source, steady_state
+from kalscope import open_source, steady_state
 from kalscope.common.text import lag_text
 from kalscope.estimation.request import starting_params
 from kalscope.tuning.file import load_tuning
@@ -48,23 +49,22 @@ class Keys:
     def open_tab(self, name, present):
         """Go to the tab that is open, and along the strip."""
         self.go_to("tab", present)
-        for _ in range(5):
-            if self._page.evaluate(FOCUSED) == ["tab", name]:
-                return
-            self.press("ArrowRight")
-        raise AssertionError(f"the arrow keys must reach the tab {name}")
+        self._press_until("ArrowRight", "document.activeElement.textContent", name)
 
     def choose(self, menu, option):
         """Open a menu, and go down to an entry."""
         self.go_to("combobox", menu)
         self.press("ArrowDown")
         self._page.get_by_role("option", name=option, exact=True).wait_for()
+        self._press_until("ArrowDown", HIGHLIGHTED, option)
+        self.press("Enter")
+
+    def _press_until(self, key, script, wanted):
         for _ in range(9):
-            if self._page.evaluate(HIGHLIGHTED) == option:
-                self.press("Enter")
+            if self._page.evaluate(script) == wanted:
                 return
-            self.press("ArrowDown")
-        raise AssertionError(f"the arrow keys must reach {option} in {menu}")
+            self.press(key)
+        raise AssertionError(f"{key} must reach {wanted}")
 
     def command(self, name):
         """Run what the command palette finds first under a name."""
@@ -75,10 +75,6 @@ class Keys:
         first.get_by_text(name, exact=True).wait_for()
         self.press("Enter")
         first.wait_for(state="detached")
-
-
-def filtered(z, **changed):
-    return kalman_filter(z, replace(starting_params(z), **changed)).x
 
 
 def test_a_signal_is_tuned_opened_and_exported_without_a_mouse(start, tmp_path):
@@ -93,7 +89,6 @@ def test_a_signal_is_tuned_opened_and_exported_without_a_mouse(start, tmp_path):
     screen.wait_for_line("filtered", filtered(z, q=q), tolerance=1e-9)
     lag = float(steady_state(replace(starting_params(z), q=q)).lag_samples)
     screen.page.get_by_text(lag_text(lag, DEMO.sample_period)).first.wait_for()
-    screen.shot("keys-1-tuned")
     keys.press("Control+z")
     screen.wait_for_line("filtered", filtered(z))
 
@@ -113,7 +108,6 @@ def test_a_signal_is_tuned_opened_and_exported_without_a_mouse(start, tmp_path):
     dialog = screen.page.get_by_role("dialog")
     dialog.get_by_role("button", name="Close").wait_for()
     keys.go_to("button", "Close")
-    screen.shot("keys-2-code")
     keys.press("Enter")
     dialog.wait_for(state="detached")
     keys.open_tab("Export", present="Source")

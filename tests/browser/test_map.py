@@ -13,7 +13,6 @@ from tests.support.waiting import wait_until
 from kalscope import kalman_filter, open_source
 from kalscope.estimation.request import starting_params
 from kalscope_app.engine.filter_runs import Cache
-from kalscope_app.program.user_settings import UserSettings
 from kalscope_app.session.opening import opened
 from kalscope_app.studies.tuning_map import MapFrame, compute_map
 from kalscope_app.views.map import draw_map_picture
@@ -36,8 +35,8 @@ class MapScreen:
         self.state = opened(open_source(source))
         self.map = compute_map(self.state, Cache())
         self.frame, self.size = self.map.frame, (MapFrame.width, MapFrame.height)
-        if not self.page.get_by_role("button", name="Hide map").count():
-            self.page.get_by_role("button", name="Map", exact=True).click()
+        if not self.button("Hide map").count():
+            self.press("Map")
         self.wait(f"() => ({CANVAS})()[2] > 200")
         self.wait_for_map()
 
@@ -74,29 +73,19 @@ class MapScreen:
         x, y = scale * (x - 0.5 * self.size[0]), scale * (y - 0.5 * self.size[1])
         return left + 0.5 * width + x, top + 0.5 * height + y
 
-    def values(self):
-        """q and r as the text boxes tell them."""
-        return [float(self.text_box(name).input_value()) for name in ("process noise q", "measurement noise r")]
-
     def settle(self, before):
         """Until q and r are others than before and have rested for a second."""
 
         def rested():
-            now = self.values()
+            now = self.q_and_r()
             self.page.wait_for_timeout(500)
-            return now if now == self.values() != before else None
+            return now if now == self.q_and_r() != before else None
 
         return wait_until(rested, f"a change of q and r from {before}")
 
 
-@pytest.fixture
-def start_map(start):
-    """Open a page on a source, with its map."""
-    return lambda source, **size: MapScreen(start(source, **size), source)
-
-
-def test_dragging_the_point_tunes_live_and_is_one_gesture(start_map):
-    screen = start_map(LONG)
+def test_dragging_the_point_tunes_live_as_one_gesture_and_the_last_value_of_a_dragged_slider_wins(start):
+    screen = MapScreen(start(LONG), LONG)
     z = open_source(LONG).values[:, 0]
     time, _ = screen.line("filtered")
     drawn = np.rint(time / time[-1] * (len(z) - 1)).astype(int)
@@ -117,37 +106,42 @@ def test_dragging_the_point_tunes_live_and_is_one_gesture(start_map):
         screen.page.mouse.move(x + (to_x - x) * step / 16, y + (to_y - y) * step / 16)
         if step == 8:
             screen.page.wait_for_timeout(1500)  # a rest with the button held does not end the gesture
-            during = screen.values()
+            during = screen.q_and_r()
             wait_for_filter(*during)
             assert np.log10(during) == pytest.approx(np.log10([10 * q, r / 30**0.5]), abs=0.1)
     screen.page.mouse.up()
     new = screen.settle(during)
     assert np.log10(new) == pytest.approx(np.log10([100 * q, r / 30]), abs=0.05)
     wait_for_filter(*new)
-    screen.page.get_by_role("button", name="Undo").click()
+    screen.press("Undo")
     wait_for_filter(q, r)
 
+    thumb = screen.slider("q")
+    for turn in range(2):
+        box = thumb.bounding_box()
+        x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+        screen.page.mouse.move(x, y)
+        screen.page.mouse.down()
+        for step in range(12):
+            screen.page.mouse.move(x + (-1) ** turn * 3 * step, y)
+        screen.page.mouse.up()
+        wait_for_filter(float(f"{10.0 ** float(thumb.get_attribute('aria-valuenow')):.2e}"), r)
 
-def test_the_map_fits_its_canvas_in_both_themes_and_at_three_sizes(start_map):
-    screen = start_map("demo", width=1920, height=1080)
-    for theme, width, height in (("light", 1920, 1080), ("light", 1280, 720), ("dark", 1600, 900)):
-        if theme == "dark":
-            screen.tab("View")
-            screen.page.get_by_text("dark theme").click()
-            screen.wait("() => document.documentElement.dataset.mantineColorScheme === 'dark'")
-            screen.tab("Tune")
+
+def test_the_map_fits_its_canvas_in_both_themes_and_at_three_sizes_and_is_magnified_and_moved(start):
+    screen = MapScreen(start("demo", width=1920, height=1080), "demo")
+    for width, height in ((1920, 1080), (1280, 720), (1600, 900)):
+        if height == 900:
+            screen.darken()
         screen.page.set_viewport_size({"width": width, "height": height})
+        screen.tab("Tune")
         screen.wait_for_map()
         left, _, across, _ = screen.page.evaluate(CANVAS)
         assert 335 <= across <= 545
         assert left == pytest.approx(LEFT_WIDTH, abs=8)
         chart = screen.page.locator("[data-dock-region=right] .uplot").first.bounding_box()
         assert chart["width"] >= across - 25
-        screen.shot(f"map-{width}-{theme}")
 
-
-def test_the_map_can_be_magnified_and_moved(start_map):
-    screen = start_map("demo")
     screen.tab("View")
     q, r = 10.0, 1000.0
     x, y = screen.at(q, r)
@@ -160,7 +154,7 @@ def test_the_map_can_be_magnified_and_moved(start_map):
 
     turn_wheel(-1)
     wait_until(lambda: not screen.is_drawn(screen.look()), "the map magnified", pause=0.2)
-    before = screen.values()
+    before = screen.q_and_r()
     mouse.click(x, y)  # what is under the mouse stays there
     assert screen.settle(before) == pytest.approx([q, r], rel=0.06)  # the mouse is told in whole pixels
     magnified = screen.look()
@@ -169,27 +163,14 @@ def test_the_map_can_be_magnified_and_moved(start_map):
     mouse.move(x + 60, y + 40, steps=4)
     mouse.up(button="right")
     wait_until(lambda: np.abs(screen.look() - magnified).mean() > 0.5, "the map moved", pause=0.2)
-    assert screen.values() == pytest.approx([q, r], rel=0.06)  # the mouse is told in whole pixels
+    assert screen.q_and_r() == pytest.approx([q, r], rel=0.06)
     turn_wheel(1)
     screen.wait_for_picture(screen.is_drawn)
-
-
-def test_the_map_stays_as_it_was_left_and_a_narrow_window_has_none(start, tmp_path):
-    screen = start("demo", width=1280)
-    screen.settings.keep(map_shown=False)
-    screen.wait_for_fit()
-    assert screen.page.evaluate(CANVAS)[2] < 200
-    screen.page.get_by_role("button", name="Map", exact=True).click()
-    screen.page.get_by_role("button", name="Hide map").wait_for()
-    screen.wait(f"() => ({CANVAS})()[2] > 200")
-    wait_until(lambda: screen.settings.has("map_shown"), "the setting in its file")
-    screen.page.get_by_role("button", name="Hide map").click()
-    screen.wait(f"() => ({CANVAS})()[2] < 200")
-    UserSettings(tmp_path / "config").keep(map_shown=True)
-    screen = start("demo", own=True, width=1280)
-    screen.wait(f"() => ({CANVAS})()[2] > 200")
-    screen.wait_for_fit()
-    screen.page.set_viewport_size({"width": 1090, "height": 800})
+    screen.page.set_viewport_size({"width": 1090, "height": 800})  # too narrow for it
     screen.wait(f"() => ({CANVAS})()[2] < 200")
     screen.wait_for_fit()
-    screen.page.get_by_role("button", name="Hide map").wait_for(state="hidden")
+    screen.button("Hide map").wait_for(state="hidden")
+    screen.page.set_viewport_size({"width": 1280, "height": 800})
+    screen.wait(f"() => ({CANVAS})()[2] > 200")
+    screen.press("Hide map")
+    screen.wait(f"() => ({CANVAS})()[2] < 200")

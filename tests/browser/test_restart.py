@@ -5,15 +5,13 @@ from tests.browser.screen import Screen, settings_in
 from tests.support.program import end, free_port, running
 from tests.support.waiting import wait_until
 
+from kalscope_app.program.user_settings import UserSettings
+
 pytestmark = pytest.mark.browser
 Q = "process noise q"
-NOTE_NOTICES = """window.notices = new Set(); new MutationObserver(() => {
-    for (const one of document.querySelectorAll('.mantine-Notification-root')) notices.add(one.textContent);
-    }).observe(document, { childList: true, subtree: true });"""
-"""Keeps what every notice of a page was: one closes after 8 s, before a busy machine looks for it."""
 
 
-def test_the_page_says_that_the_program_has_ended_and_a_restart_brings_file_and_filter_back(browser, tmp_path):
+def test_the_page_says_that_the_program_has_ended_and_a_restart_brings_file_filter_and_map_back(browser, tmp_path):
     log, kept, env = tmp_path / "log.csv", tmp_path / "config" / "tunings", settings_in(tmp_path / "config")
     log.write_text("time_s,a\n" + "".join(f"{i / 100},{i * i % 17}\n" for i in range(300)))
     port = "--port", str(free_port())
@@ -22,25 +20,25 @@ def test_the_page_says_that_the_program_has_ended_and_a_restart_brings_file_and_
         starting = screen.text_box(Q).input_value()
         screen.type(Q, "0.25")
         wait_until(lambda: any("q = 0.25" in file.read_text() for file in kept.glob("*.toml")), "the kept filter")
+        screen.press("Map")
+        screen.button("Hide map").wait_for()
+        wait_until(lambda: UserSettings(tmp_path / "config").has("map_shown"), "the setting of the map")
         program.kill()
         bar = screen.page.get_by_text("Kalscope has stopped: start it again.")
         bar.wait_for()
-        screen.shot("restart-stopped")
     with screen, running(tmp_path, *port, source=str(log), env=env) as (program, _):
         bar.wait_for(state="detached")
         screen.wait_for_value(Q, "0.25")
-        screen.notification("The filter is as you left it").wait_for()
-        screen.page.get_by_role("button", name="Undo", exact=True).click()
+        screen.wait_for_notice("The filter is as you left it")
+        screen.press("Undo")
         screen.wait_for_value(Q, starting)
-        screen.page.get_by_role("button", name="Redo", exact=True).click()
+        screen.press("Redo")
         screen.wait_for_value(Q, "0.25")
         assert end(program)[0] == 0
     with running(tmp_path, *port, "--q", "7", source=str(log), env=env) as (_, url), Screen(browser, url) as screen:
         screen.wait_for_value(Q, "7")
-    with (
-        running(tmp_path, "open", *port, source="", env=env) as (_, url),
-        Screen(browser, url, script=NOTE_NOTICES) as screen,
-    ):
-        screen.wait("() => [...notices].some((text) => text.includes('log.csv was open last'))")
+    with running(tmp_path, "open", *port, source="", env=env) as (_, url), Screen(browser, url) as screen:
+        screen.wait_for_notice("log.csv was open last")
         screen.tab("Source")
         assert screen.text_box("path").input_value() == str(log)
+        screen.button("Hide map").wait_for()

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import shutil
-import subprocess
 from dataclasses import dataclass
 
 import numpy as np
-from tests.support.required import not_here
+from tests.support.exported_program import build
 
 from kalscope import ChannelTuning, Tuning, export_tuning
 
@@ -15,19 +13,9 @@ LEARNING, GROUPS = 16, 8
 """Readings that only show the level, and the groups that are measured after one that shows the spread."""
 
 STATES = [
-    "IDLE",
-    "MEASURING",
-    "FOUND",
-    "MISSING",
-    "SPIKES",
-    "TOO_FEW",
-    "CUT_OFF",
-    "EQUAL",
-    "MOVING",
-    "UNEVEN",
-    "DEPENDENT",
-    "TOO_LARGE",
-]
+    "IDLE", "MEASURING", "FOUND", "MISSING", "SPIKES", "TOO_FEW",
+    "CUT_OFF", "EQUAL", "MOVING", "UNEVEN", "DEPENDENT", "TOO_LARGE",
+]  # fmt: skip
 MAIN = r"""
 #include <stdio.h>
 #include "KalscopeCalibration.h"
@@ -66,19 +54,15 @@ class Found:
 
 def compiled_rule(folder):
     """measure(z, step, lowest, highest) -> `Found`."""
-    if shutil.which("g++") is None:
-        not_here("g++ is not installed")
     texts = export_tuning(Tuning((ChannelTuning("light", "", 0.01, 4.0),)), "arduino", calibration=True)
-    (folder / "KalscopeCalibration.h").write_text(texts["KalscopeCalibration.h"])
-    (folder / "main.cpp").write_text(MAIN)
-    command = ["g++", "-Wall", "-Wextra", "-Werror", "-Wno-class-memaccess", "-O2", "main.cpp", "-o", "rule"]
-    subprocess.run(command, cwd=folder, check=True, capture_output=True)
+    header = {"KalscopeCalibration.h": texts["KalscopeCalibration.h"]}
+    run = build(
+        folder, "g++", header, MAIN, "-O2", "-Wno-class-memaccess", "-Wno-conversion", "-Wno-double-promotion"
+    )
 
     def measure(z, step=0.0, lowest=-np.inf, highest=np.inf):
         known, samples = np.array([step, lowest, highest], np.float32), np.asarray(z, np.float32)
-        sent = known.tobytes() + np.uint32(len(samples)).tobytes() + samples.tobytes()
-        done = subprocess.run([folder / "rule"], input=sent, check=True, capture_output=True)
-        state, *values = done.stdout.split()
+        state, *values = run(known.tobytes() + np.uint32(len(samples)).tobytes() + samples.tobytes()).split()
         return Found(STATES[int(state)], *map(np.float32, values[:3]), *map(int, values[3:]))
 
     return measure
