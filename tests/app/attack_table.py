@@ -74,21 +74,17 @@ def status(answer: bytes) -> str:
 
 
 def page(target: str = "/", *hosts: str | None, cookie: bool = True, extra: str = "") -> Callable[[Victim], str]:
-    """Ask for a page, by default as the user; `hosts` in place of our own, None for ours."""
+    """Ask for a page, by default as the user; `hosts` in place of our own, None for ours, "" for none at all."""
 
     def perform(victim: Victim) -> str:
-        lines = [f"Host: {victim.own if host is None else host}" for host in hosts or (None,)]
+        names = [victim.own if host is None else host for host in hosts or (None,)]
+        lines = [f"Host: {name}" for name in names if name]
         lines += [f"Cookie: {victim.cookie}"] if cookie else []
         lines += [extra.format(own=victim.own)] if extra else []
-        request = f"GET {target.format(token=victim.token)} HTTP/1.1\r\n" + "\r\n".join(lines) + "\r\n\r\n"
-        return status(exchange(victim.port, request))
+        head = "\r\n".join([f"GET {target.format(token=victim.token)} HTTP/1.1", *lines])
+        return status(exchange(victim.port, f"{head}\r\n\r\n"))
 
     return perform
-
-
-def no_host(victim: Victim) -> str:
-    """A request of before 1997."""
-    return status(exchange(victim.port, f"GET / HTTP/1.1\r\nCookie: {victim.cookie}\r\n\r\n"))
 
 
 def opens(
@@ -169,7 +165,7 @@ ATTACKS = {
     "H2": Attack("page under a foreign name (DNS rebinding)", "403", page("/", "evil.example")),
     "H3a": Attack("page under our name as a prefix, stolen cookie", "403", page("/", "localhost.evil.example")),
     "H3b": Attack("page under our address as a prefix, stolen cookie", "403", page("/", "127.0.0.1.nip.io")),
-    "H4": Attack("page without a Host", "403", no_host),
+    "H4": Attack("page without a Host", "403", page("/", "")),
     "H5": Attack("page under two names", "403", page("/", None, "evil.example")),
     "H6a": Attack("Host `[::1`", "403", page("/", "[::1")),
     "H6b": Attack("Host of 5000 letters", "403", page("/", "a" * 5000)),

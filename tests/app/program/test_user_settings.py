@@ -18,15 +18,6 @@ from kalscope_app.session.changes import as_it_was_left, set_dark, set_text
 from kalscope_app.session.opening import opened
 
 
-def test_what_is_kept_stays_while_something_else_is_changed(tmp_path):
-    settings = UserSettings(tmp_path / "new" / "kalscope")
-    assert not settings.has("tour_seen")
-    assert not (tmp_path / "new").exists()  # looking writes nothing
-    settings.keep(tour_seen=True, map_shown=True)
-    settings.keep(map_shown=False)
-    assert [settings.has(name) for name in ("tour_seen", "map_shown")] == [True, False]
-
-
 def test_the_folder_is_the_systems_or_a_named_one_and_without_any_nothing_is_remembered(monkeypatch, tmp_path):
     monkeypatch.setenv(FOLDER_VARIABLE, str(tmp_path))
     assert state_folder() == tmp_path

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import html
-import io
 import re
-import zipfile
 from dataclasses import replace
 
 import numpy as np
@@ -44,6 +42,8 @@ def test_the_files_are_those_of_the_setting_on_screen(state):
     choice = Choice("arduino", calibration=True)
     expected = export_tuning(state.as_tuning(), "arduino", channel="a", calibration=True)
     assert undated(files_of(state, choice)) == undated(expected)
+    assert export.packed("json", {"a.json": "{}"}) == ("a.json", b"{}")  # one file as it is, several as a zip
+    assert export.packed("json", {"a": "", "b": ""})[0] == "kalscope-json.zip"
     assert "r of a must be above 0 for a sketch that measures it" in limits_text(state.with_tuning(r=0.0), choice)
 
 
@@ -62,17 +62,6 @@ def test_what_differs_on_a_device_is_told_of_what_is_chosen(state):
     uneven = replace(state.recording, time=state.recording.time + (np.arange(300) > 100) * 1.0, gaps="dt")
     for recording, told in ((uneven, True), (replace(uneven, gaps="rows"), False)):
         assert (export.GAPS in limits_text(replace(state, recording=recording))) is told
-
-
-def test_one_file_is_sent_as_it_is_and_several_as_a_zip(state):
-    assert export.packed("json", {"a.json": "{}"}) == ("a.json", b"{}")
-    files = files_of(state, Choice())
-    name, content = export.packed("arduino", files)
-    with zipfile.ZipFile(io.BytesIO(content)) as archive:
-        found = {one: archive.read(one).decode() for one in archive.namelist()}
-    assert found == {f"kalscope_filter/{one}": text for one, text in files.items()}, "as the Arduino IDE opens it"
-    assert name == "kalscope_filter.zip"
-    assert export.packed("json", {"a": "", "b": ""})[0] == "kalscope-json.zip"
 
 
 def test_the_lag_at_the_period_of_the_device_is_shown(state):

@@ -111,13 +111,3 @@ def test_a_late_answer_goes_to_its_own_channel_or_nowhere(state):
     late = apply_found(state.recording, "a", found)(elsewhere)
     assert late.tunings == elsewhere.tunings
     assert "another recording" in late.note
-
-
-def test_the_account_of_an_estimate_stands_apart_from_its_short_answer(state):
-    fitted = search(state, "best fit")
-    applied = apply_found(state.recording, "a", fitted)(state)
-    assert goal.account_text(applied) == goal.account_text(state) == fitted.message  # it is the first answer, too
-    assert fitted.message not in answer_text(applied)
-    assert answer_text(applied).endswith("More in “More settings and numbers”.")
-    chosen = apply_found(state.recording, "a", search(state, "maximum lag", "50"))(state)
-    assert (goal.account_text(chosen), "More settings" in answer_text(chosen)) == ("", False)

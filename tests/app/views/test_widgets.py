@@ -26,9 +26,9 @@ def test_what_a_box_shows_reads_back_to_seven_digits(value):
     assert "e-0" not in typed(value)
 
 
-@pytest.mark.parametrize(("value", "place"), [(None, 7.0), (100.0, 2.0), (0.0, -6.0), (1e-9, -6.0), (1e9, 6.0)])
-def test_a_slider_ends_at_automatic_on_its_right(value, place):
-    assert on_decades(value, -6, 6, "automatic") == (place, ((-6.0, ""), (7.0, "automatic")))
+def test_a_slider_ends_at_automatic_on_its_right():
+    for value, place in (None, 7.0), (100.0, 2.0), (0.0, -6.0), (1e-9, -6.0), (1e9, 6.0):
+        assert on_decades(value, -6, 6, "automatic") == (place, ((-6.0, ""), (7.0, "automatic")))
     assert on_decades(1.0, -6, 6) == (0.0, ((-6.0, "1e-6"), (6.0, "1e6")))
 
 
@@ -41,20 +41,10 @@ def test_a_name_from_outside_carries_no_live_markup(name):
     assert escape_markdown("rows 2\u202f289\n to\t3") == "rows 2\u202f289 to 3"  # no break within a number
 
 
-def said(record):
-    """The texts of the figures."""
-    return re.sub("<[^>]*>", "", figures(compute_frame(opened(record))))
-
-
-def test_the_header_names_the_recording_its_rate_the_lag_and_the_noise():
-    demo = open_source("demo")
-    assert record_line(demo) == "**Bending finger** · 50.0 Hz"
-    assert said(demo) == "**12.4 ms** lag **52 %** noise left (−5.65 dB)"
-    hostile = replace(demo, title="<img src=x> *a* [b](c)")
-    assert record_line(hostile).startswith(r"**\<img src\=x\> \*a\* \[b\]\(c\)**")
-    unknown = replace(demo, sample_period=None)
-    assert record_line(unknown).endswith("sample rate unknown")
-    assert said(unknown).startswith("**0.618 samples** lag")
+def test_the_header_of_a_recording_without_a_rate_counts_in_samples():
+    unknown = replace(open_source("demo"), sample_period=None)
+    assert record_line(unknown) == "**Bending finger** · sample rate unknown"
+    assert "**0.618 samples** lag" in re.sub("<[^>]*>", "", figures(compute_frame(opened(unknown))))
 
 
 # --- what may reach uPlot: it goes blank on NaN in front, on inf and on empty arrays --------------------
