@@ -254,7 +254,7 @@ class Engine:
                 self.first_frame.set()
 
     def _tick(self) -> float:
-        """When a live board is polled again without a request, seldom while it is silent; inf: a finished record."""
+        """When a live board is polled again without a request, seldom while silent; inf for a finished record."""
         silent = self._begun - self._news_at > SETTLING
         interval = STATUS_INTERVAL if silent else LIVE_INTERVAL
         return math.inf if self._session.board is None else self._begun + interval

@@ -20,6 +20,7 @@ from kalscope.estimation.request import Noise, Request
 from kalscope.filtering.steady import steady_state
 from kalscope_app.engine.frame import Frame
 from kalscope_app.session.changes import FOR_LAG, change_for, is_same_signal, set_why_shown
+from kalscope_app.session.opening import NOT_FITTED
 from kalscope_app.session.session import Session
 from kalscope_app.session.state import State
 from kalscope_app.studies.checks import Checks, Judged
@@ -132,7 +133,7 @@ class VerdictView:
     """Starts the searches that advice asks for."""
 
     def __init__(self, gui: viser.GuiApi, session: Session) -> None:
-        self._session, self._shown = session, False
+        self._session, self._shown, self._unjudged = session, False, "no verdict"
         gui.add_html(VERDICT)
         hint = "Whether the filter fits the recording. Click for the reasons."
         self._word = add_button(gui, "…", hint, lambda _client: session.request(set_why_shown(not self._shown)))
@@ -149,6 +150,7 @@ class VerdictView:
     def show(self, frame: Frame) -> None:
         """Show or hide the reasons."""
         self._shown = self._why.visible = frame.state.view.why_shown
+        self._unjudged = "…" if frame.state.tuning.how == NOT_FITTED else "no verdict"
 
     def on_emptied(self) -> None:
         """Without its reasons the word, too, is that of an earlier state, and so are the buttons."""
@@ -160,7 +162,7 @@ class VerdictView:
         """Write the word and the reasons."""
         judged = isinstance(checks, Judged)
         judgement = None if checks is None else checks.judgement if judged else checks.urgent
-        self._word.label, tone = ("no verdict", "note") if judgement is None else (judgement.word, judgement.tone)
+        self._word.label, tone = (self._unjudged, "note") if judgement is None else (judgement.word, judgement.tone)
         self._word.color = COLOURS[tone]
         headline = UNJUDGED if judgement is None else f"**{judgement.headline}**"
         self._headline.content = reasons_of(checks) if judged else headline

@@ -292,7 +292,8 @@ def heading_of(frame: Frame) -> str:
     waits = frame.state.live is not None and frame.state.live.waits
     axis = time_axis(frame.drawn.time, frame.state)
     parts = [] if frame.state.live is not None else [f"{charts.range_text(*axis.reach)} {axis.scale.unit}"]
-    parts.append(changes.WAITING if waits else f"{count(len(record))} samples")
+    inside = "" if frame.state.view.window is None else f"{count(shown.last - shown.first)} of "
+    parts.append(changes.WAITING if waits else f"{inside}{count(len(record))} samples")
     if shown.missing and not waits:
         parts.append(f"{count(shown.missing)} missing")
     if frame.state.live is None and warnings(record):

@@ -9,6 +9,7 @@ const FOCUSABLE = ":is(button, input, textarea, [tabindex]):not([tabindex='-1'])
 const UNNAMED = {
   ".mantine-Notification-closeButton": "Dismiss",
   ".mantine-Spotlight-content": "Commands",
+  ".uplot-container > button": "Enlarge the chart",
 }; // parts without a text
 
 const hints = new Map(); // uuid -> what a control is for
