@@ -105,6 +105,7 @@ def test_the_sensor_that_is_at_fault_is_named(spoil, name, fault, sentence):
     spoil(z)
     found = judged(z, unit="°C", sample_period=0.1)
     assert sentence in found.sentences
+    assert ("The sensors drift apart by up to 1.88 °C" in found.headline) == (fault == "drift")
     assert fault in {one.name: one for one in found.sensors}[name].faults
     assert all(one.faults == () for one in found.sensors if one.name != name)
 

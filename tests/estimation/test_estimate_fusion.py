@@ -137,15 +137,9 @@ def test_a_slower_sensor_is_a_sensor_with_gaps():
 
 def test_what_does_not_fit_is_refused():
     z = record(n=20)
-    known = ([1.0, 2.0], [0.0, 1.0, 1.0], ["4", "x", 1.0])
-    wrong = [*(("reference", one) for one in (3, "x")), *(("known_r", one) for one in known)]
-    for name, value in (
-        *wrong,
-        ("names", ["a", "a", "b"]),
-        ("momentum", -1.0),
-        ("robust", "yes"),
-        ("dt", np.ones(3)),
-    ):
+    wrong = [("reference", 3), ("reference", "x"), ("known_r", [1.0, 2.0]), ("known_r", [0.0, 1.0, 1.0])]
+    wrong += [("known_r", ["4", "x", 1.0]), ("names", ["a", "a", "b"]), ("momentum", -1.0), ("robust", "yes")]
+    for name, value in (*wrong, ("dt", np.ones(3))):
         with pytest.raises(BadSetting, match=f"{name} must "):
             estimate_fusion(z, **{name: value})
     with pytest.raises(BadSetting, match="finite"):
@@ -169,21 +163,23 @@ def said(found, words):
 def test_r_at_nought_gives_a_filter_with_the_largest_that_the_record_allows():
     x = walk(n=60, q=4.0)
     found = estimate_fusion(np.stack([x, x + noise(1.0, n=60)[:, 0]], 1), **PLAIN)
-    assert found.verdict == "no_noise"
-    assert found.r[0] == 0.0
+    assert (found.verdict, found.r[0]) == ("no_noise", 0.0)
     assert found.params.r[0] == found.r_interval[0, 1] > 0.0
     assert "No noise can be identified in sensor 1" in found.message
+
+
+BOTH = noise(1.0, 1.0, n=50)
 
 
 @pytest.mark.parametrize(
     ("z", "verdict", "words"),
     [
-        (noise(1.0, 1.0, n=7), "too_few", "at least 8 are needed"),
-        (np.where([True, False], noise(1.0, 1.0, n=50), 4.0), "constant", "sensor 2 are equal"),
-        (np.where([True, False], noise(1.0, 1.0, n=50), np.nan), "too_few", "sensor 2 has too few readings (0)"),
+        (BOTH[:7], "too_few", "at least 8 are needed"),
+        (np.where([True, False], BOTH, 4.0), "constant", "sensor 2 are equal"),
+        (np.where([True, False], BOTH, np.nan), "too_few", "sensor 2 has too few readings (0)"),
         (walk(50)[:, None] + [0.0, 3.0], "copies", "sensor 1 and sensor 2 always move exactly alike"),
-        (noise(1.0, 1.0, n=50) * 1e-170, "bad_unit", "Choose a unit"),
-        (noise(1.0, 1.0, n=50) * 1e170, "bad_unit", "Choose a unit"),
+        (BOTH * 1e-170, "bad_unit", "Choose a unit"),
+        (BOTH * 1e170, "bad_unit", "Choose a unit"),
     ],
 )
 def test_where_there_is_nothing_to_fit_the_sensor_is_named(z, verdict, words):
@@ -241,17 +237,12 @@ def test_momentum_is_found_by_the_rule_of_one_signal():
     assert estimate_fusion(walk(400)[:, None] + noise(1.0, 2.0, n=400)).momentum == 0.0
 
 
-def test_of_a_momentum_as_long_as_the_record_no_end_is_said():
+def test_of_a_momentum_as_long_as_the_record_no_end_is_said_and_a_known_noise_of_another_unit_is_refused():
     ramp = np.arange(300.0)[:, None] + noise(1.0, 0.5, n=300)
     found = estimate_fusion(ramp, robust=False)
-    assert found.momentum == 299.0
-    assert said(found, "for about 299 samples (299 or more)")
-
-
-def test_a_known_noise_of_another_unit_is_refused():
-    found = estimate_fusion(walk(50)[:, None] + noise(1.0, 1.0, n=50), known_r=[1e40, np.nan])
-    assert (found.verdict, found.params) == ("bad_unit", None)
-    assert "The given r" in found.message
+    assert (found.momentum, said(found, "for about 299 samples (299 or more)")) == (299.0, True)
+    found = estimate_fusion(walk(50)[:, None] + BOTH, known_r=[1e40, np.nan])
+    assert (found.verdict, found.params, "The given r" in found.message) == ("bad_unit", None, True)
 
 
 def sensors(seed, r, *, correlation=0.0, n=500, q=0.01, tau=0.0, missing=0.0):

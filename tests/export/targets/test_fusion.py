@@ -16,13 +16,14 @@ from tests.support.waiting import PATIENCE
 
 from kalscope import BadSetting, ChannelTuning, FilterParams, Tuning, export_tuning, fuse
 from kalscope.export.float32 import filter_float32
+from kalscope.export.names import identifier
 
 ROWS = 300
 
 
-def readings(seed, fusion):
+def readings(fusion):
     """What the sensors say of a walk: gaps of each, of all, and at the start; spikes; a step."""
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(4)
     x = 20.0 + np.cumsum(rng.normal(0.0, 0.3, ROWS))
     x[200:] += 15.0  # the gate gives in after five of a sensor
     z = np.array(fusion.offset) + np.array(fusion.gain) * x[:, None]
@@ -68,7 +69,7 @@ def write(files, folder):
 @EACH
 def test_python_gives_the_bits_of_fuse(case, tmp_path):
     write(export_tuning(tuned(CASES[case]), "python"), tmp_path)
-    fusion, z = CASES[case], readings(4, CASES[case])
+    fusion, z = CASES[case], readings(CASES[case])
     made = runpy.run_path(str(tmp_path / "kalscope_fusion.py"))["FUSION"]
     answers = np.array([(made.update(row), made.p, *made.k) for row in np.nan_to_num(z, nan=-np.inf).tolist()])
     expected = fuse(z, fusion.params)
@@ -110,43 +111,39 @@ int main() {
 """
 
 
-def compiled(folder, compiler, files, main, *flags):
-    texts = {name: text for name, text in files.items() if not name.endswith(".ino")}
-    bytes_of = build(folder, compiler, texts, main, *flags)
+def compiled(folder, fusion, dtype, *flags):
+    """The exported C, or C++ where the flags begin with its standard: run(z, mask) gives x and p of each row."""
+    cpp, name = "++" in flags[0], identifier(fusion.name)
+    exported = export_tuning(tuned(fusion), "arduino" if cpp else "c")
+    texts = {file: text for file, text in exported.items() if not file.endswith(".ino")}
+    main = CPP_MAIN.replace("NAME", name.upper()) if cpp else C_MAIN.replace("NAME", name)
+    run = build(folder, "g++" if cpp else "gcc", texts, main, *flags)
+    return lambda z, mask: np.frombuffer(run(np.column_stack([mask, z]).astype(dtype).tobytes()), dtype).reshape(
+        -1, 2
+    )
 
-    def run(z, mask, dtype):
-        rows = np.column_stack([mask, z]).astype(dtype)
-        return np.frombuffer(bytes_of(rows.tobytes()), dtype).reshape(-1, 2)
 
-    return run
-
-
-def in_both_ways(run, z, dtype):
+def in_both_ways(run, z):
     """The answers where what is missing is NaN, after seeing that a mask over nonsense gives the same."""
-    answers = run(z, np.full(len(z), -1.0), dtype)
-    there = np.isfinite(z)
+    answers, there = run(z, np.full(len(z), -1.0)), np.isfinite(z)
     mask = there @ (1 << np.arange(z.shape[1]))
-    np.testing.assert_array_equal(run(np.where(there, z, 1e9), mask, dtype), answers)
+    np.testing.assert_array_equal(run(np.where(there, z, 1e9), mask), answers)
     return answers
 
 
 @EACH
 def test_c_gives_the_bits_of_fuse_and_in_float_those_of_its_float32_twin(case, tmp_path):
-    fusion, z, files = CASES[case], readings(4, CASES[case]), export_tuning(tuned(CASES[case]), "c")
-    main = C_MAIN.replace("NAME", fusion.name)
-    answers = in_both_ways(compiled(tmp_path, "gcc", files, main, "-std=c99"), z, np.float64)
-    expected = fuse(z, fusion.params)
+    fusion, z = CASES[case], readings(CASES[case])
+    answers, expected = in_both_ways(compiled(tmp_path, fusion, np.float64, "-std=c99"), z), fuse(z, fusion.params)
     np.testing.assert_array_equal(answers, np.column_stack([expected.x, expected.p]))
-    answers = in_both_ways(compiled(tmp_path, "gcc", files, main, "-std=c99", "-DKALSCOPE_FLOAT"), z, np.float32)
+    answers = in_both_ways(compiled(tmp_path, fusion, np.float32, "-std=c99", "-DKALSCOPE_FLOAT"), z)
     np.testing.assert_array_equal(answers[:, 0], filter_float32(z, fusion.params))
 
 
 @EACH
 def test_cpp_gives_the_bits_of_the_float32_twin_which_stays_with_fuse(case, tmp_path):
-    fusion, z, files = CASES[case], readings(4, CASES[case]), export_tuning(tuned(CASES[case]), "arduino")
-    main = CPP_MAIN.replace("NAME", fusion.name.upper())
-    run = compiled(tmp_path, "g++", files, main, "-std=c++11", "-Wno-conversion")
-    x = in_both_ways(run, z, np.float32)[:, 0]
+    fusion, z = CASES[case], readings(CASES[case])
+    x = in_both_ways(compiled(tmp_path, fusion, np.float32, "-std=c++11", "-Wno-conversion"), z)[:, 0]
     np.testing.assert_array_equal(x, filter_float32(z, fusion.params))
     np.testing.assert_allclose(x, fuse(z, fusion.params).x, rtol=2e-5)
 
@@ -162,7 +159,7 @@ for (const [at, rows] of JSON.parse(readFileSync(0, "utf8")).entries()) {
 
 def test_javascript_gives_the_bits_of_fuse(tmp_path):
     """All cases in one process."""
-    rows, modules = [readings(4, fusion) for fusion in CASES.values()], {"main.mjs": JAVASCRIPT_MAIN}
+    rows, modules = [readings(fusion) for fusion in CASES.values()], {"main.mjs": JAVASCRIPT_MAIN}
     for at, fusion in enumerate(CASES.values()):
         (modules[f"{at}.mjs"],) = export_tuning(tuned(fusion), "javascript").values()
     write(modules, tmp_path)
@@ -180,13 +177,11 @@ def test_javascript_gives_the_bits_of_fuse(tmp_path):
 def test_a_processor_that_could_fuse_a_multiplication_with_an_addition_does_not_and_hostile_names_compile(tmp_path):
     hostile = {"name": '*/ #define x\n??/"\\', "sensors": ("int", "*/ #error"), "unit": "??/"}
     fusion = replace(CASES["momentum, gains and start"], **hostile)
-    z, nobody, flags = readings(4, fusion), np.full(ROWS, -1.0), ("-trigraphs", "-O3", *FUSED)
-    c, cpp = (export_tuning(tuned(fusion), target) for target in ("c", "arduino"))
-    run = compiled(tmp_path, "gcc", c, C_MAIN.replace("NAME", "define_x"), "-std=c99", *flags)
-    np.testing.assert_array_equal(run(z, nobody, np.float64)[:, 0], fuse(z, fusion.params).x)
-    main = CPP_MAIN.replace("NAME", "DEFINE_X")
-    run = compiled(tmp_path, "g++", cpp, main, "-std=c++11", "-Wno-conversion", *flags)
-    np.testing.assert_array_equal(run(z, nobody, np.float32)[:, 0], filter_float32(z, fusion.params))
+    z, nobody, flags = readings(fusion), np.full(ROWS, -1.0), ("-trigraphs", "-O3", *FUSED)
+    x = compiled(tmp_path, fusion, np.float64, "-std=c99", *flags)(z, nobody)[:, 0]
+    np.testing.assert_array_equal(x, fuse(z, fusion.params).x)
+    x = compiled(tmp_path, fusion, np.float32, "-std=c++11", "-Wno-conversion", *flags)(z, nobody)[:, 0]
+    np.testing.assert_array_equal(x, filter_float32(z, fusion.params))
 
 
 OCTAVE = """\
@@ -200,7 +195,7 @@ def test_octave_gives_the_bits_of_fuse(tmp_path):
     for at, fusion in enumerate(CASES.values()):
         ((name, text),) = export_tuning(tuned(fusion), "matlab").items()
         scripts[name := name.replace("kalman_", f"kalman_{at}_")] = text
-        readings(4, fusion).astype("<f8").T.tofile(tmp_path / f"z{at}.bin")
+        readings(fusion).astype("<f8").T.tofile(tmp_path / f"z{at}.bin")
         step = OCTAVE.replace("AT", str(at)).replace("ROWS", str(ROWS))
         driver += step.replace("SENSORS", str(len(fusion.sensors))).replace("NAME", name)
     driver += f"clear z; run('{next(iter(scripts))}'); printf('%d %d', numel(buff_xk), any(isnan(buff_xk)));"
@@ -210,11 +205,11 @@ def test_octave_gives_the_bits_of_fuse(tmp_path):
     assert done.stdout.split() == ["100", "0"]
     for at, (case, fusion) in enumerate(CASES.items()):
         x = np.fromfile(tmp_path / f"x{at}.bin", "<f8")
-        np.testing.assert_array_equal(x, fuse(readings(4, fusion), fusion.params).x, err_msg=case)
+        np.testing.assert_array_equal(x, fuse(readings(fusion), fusion.params).x, err_msg=case)
 
 
 def test_one_sensor_on_a_board_is_the_single_filter():
-    z = readings(4, CASES["one"])
+    z = readings(CASES["one"])
     for start in ({}, {"p0": 4.0, "x0": 19.0, "gate": 9.0}, {"p0": 4.0, "momentum": 7.0}):
         single = FilterParams(0.09, 1.0, **start)
         one = replace(CASES["one"], **start).params
@@ -242,7 +237,6 @@ def test_other_refusals_say_what_helps(fusion, target, message):
 
 
 def test_c_in_float_does_not_compile_where_float_cannot_hold_the_values(tmp_path):
-    files = export_tuning(tuned(replace(PAIR, r=(1e-60, 1.0))), "c")
     with pytest.raises(subprocess.CalledProcessError) as failed:
-        compiled(tmp_path, "gcc", files, C_MAIN.replace("NAME", "level"), "-std=c99", "-DKALSCOPE_FLOAT")
+        compiled(tmp_path, replace(PAIR, r=(1e-60, 1.0)), np.float32, "-std=c99", "-DKALSCOPE_FLOAT")
     assert "float cannot hold the values of level" in failed.value.stderr
