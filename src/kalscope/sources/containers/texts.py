@@ -16,7 +16,7 @@ from kalscope.common.progress import Progress
 from kalscope.common.text import count, one_line
 from kalscope.errors import BadFile
 from kalscope.sources.containers.table import Part, Text, choose_text_part
-from kalscope.sources.grammar.line_format import load_json
+from kalscope.sources.grammar.line_format import SERIES_KEY, load_json
 
 # One JSON document that holds the samples: its objects become lines of JSON, read by the ordinary rules.
 #
@@ -96,14 +96,15 @@ def _rows(value: list[Any]) -> Rows:
 
 
 def _of_pairs(series: list[dict[str, Any]]) -> Rows:
-    """`[{"metric": {"name": "temp"}, "values": [[0, "5"], …]}, …]`, as Prometheus returns, as a long table."""
+    """`[{"metric": {"name": "temp"}, "values": [[0, "5"], …]}, …]` of Prometheus or InfluxDB, as a long table."""
     rows: list[dict[str, Any]] = []
     for one in series:
-        pairs = next((part for part in map(_list, one.values()) if part and _is_grid(part, 2)), None)
-        if not pairs or "columns" in one:
+        names = [str(name) for name in _list(one.get("columns"))] or ["time", "value"]
+        grid = next((part for part in map(_list, one.values()) if part and _is_grid(part, len(names))), None)
+        if not grid:
             return []
-        name = " ".join(map(str, _dict(one.get("metric")).values()))
-        rows += [{"name": name, "time": time, "value": value} for time, value in pairs]
+        key = " ".join(map(str, _dict(one.get("metric") or one.get("tags")).values()))
+        rows += [{SERIES_KEY: key, **dict(zip(names, row, strict=True))} for row in grid]
     return rows
 
 

@@ -102,7 +102,7 @@ def _split(line: str, delimiter: str) -> list[str]:
 
 def _without_brackets(text: str) -> str:
     """`1, 2, 3` of `[1, 2, 3]`, `(1, 2, 3)` and `{1, 2, 3},`, as programs print lists; any other line unchanged."""
-    bare = text.strip(" \t").removesuffix(",")
+    bare = text.strip(" \t").removesuffix(",").replace("[[", "[").replace("]]", "]")
     inner = bare[1:-1]
     is_pair = bare[:1] + bare[-1] in ("[]", "()", "{}", "<>") and not any(mark in inner for mark in "[](){}<>")
     numbers = inner.strip(" \t").startswith(_NUMBER_STARTS) and any(mark in inner for mark in ",; \t")

@@ -103,7 +103,7 @@ SERIES_KEY = "series key"
 """The label of its measurement and tags, which say of which sensor the fields are."""
 _TOPIC = re.compile(r"([A-Za-z$][^\s,;:=\"{/]{0,99}/[^\s,;:=\"{]{0,200}) (\S{1,40})")
 """`home/barn/temperature 21.5`: what mosquitto_sub -v writes."""
-_REMARK = re.compile(r"[ \t]\([a-z][^()]{1,80}\)$")
+_REMARK = re.compile(r"[ \t]\([a-z0-9][^()]{1,80}\)$")
 """`Core 0: +42.0°C  (high = +80.0°C, crit = +100.0°C)`: lm-sensors."""
 _OF = re.compile(r"(?<![/0-9.])([0-9.]{1,12}) ?/([0-9.]{1,12})(?![/0-9.])")
 """A value and what it is compared with: `T:20.9 /210.0` of Marlin, `Quality=43/70`."""

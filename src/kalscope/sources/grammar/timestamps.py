@@ -177,7 +177,7 @@ _DAY = re.compile(
     rf"(?:([0-9]{{1,4}}){_GAP}({_WORD}){_GAP}([0-9]{{1,4}})|({_WORD}){_GAP}([0-9]{{1,2}}){_GAP}([0-9]{{1,4}}))"
 )
 _REST = re.compile(
-    rf"(?:[T _,;:-]{{1,3}}|,? (?:at|@) ){_CLOCK_TEXT}"
+    rf"(?:[T _,;:-]{{1,3}}|,? (?:at|@|klo) ){_CLOCK_TEXT}"
     r"(?: ?([A-Za-z]{1,4}))?(?: ?([-+])([0-9]{1,2}):?([0-9]{2})?(?: [A-Z]{3,4})?)?"  # Go: +0800 CST
     r"(?: ?[\[(][A-Za-z0-9_/+ -]{1,40}[\])])?"  # Java: [Europe/Berlin], JavaScript: (China Standard Time)
 )

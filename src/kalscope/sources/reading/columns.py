@@ -28,7 +28,7 @@ from kalscope.sources.grammar.cells import (
 )
 from kalscope.sources.grammar.line_format import SERIES_KEY
 from kalscope.sources.grammar.read_options import ReadOptions
-from kalscope.sources.grammar.timestamps import TimeColumn, is_stamp, is_weekday, month_of
+from kalscope.sources.grammar.timestamps import TimeColumn, is_stamp, is_weekday, month_of, row_stamp_parser
 from kalscope.sources.reading.preface import Preface, find_preface
 
 # Lines that differ in their digits only: the first few of each shape are judged for all of them.
@@ -453,7 +453,9 @@ def mark_series(
         roles: dict[int, Role] = {**dict.fromkeys(numbers, "text"), values[0]: "channel"}
         note = "each row holds one value, named by " + ", ".join(f'"{columns[i].name}"' for i in keys)
     else:
-        found = (i for i in range(len(columns)) if i not in times and _is_key(i, columns, bases, rows, times))
+        found = (
+            i for i in range(len(columns)) if i not in times and _is_key(i, columns, bases, rows, time, decimal)
+        )
         tagged = [i for i, column in enumerate(columns) if column.name == SERIES_KEY]
         keys, roles = tagged or list(islice(found, 1)), {}
         is_long, name = bool(keys), "".join(columns[i].name or f"column {i + 1}" for i in keys)
@@ -465,13 +467,16 @@ def mark_series(
     return [replace(column, role=roles.get(i, column.role)) for i, column in enumerate(columns)], [note]
 
 
-def _is_key(index: int, columns: list[Column], bases: list[str], rows: list[Cells], times: tuple[int, ...]) -> bool:
+def _is_key(
+    index: int, columns: list[Column], bases: list[str], rows: list[Cells], time: TimeColumn | None, decimal: str
+) -> bool:
     """True for a column that says which sensor each row is of.
 
     Its texts, or small whole numbers where its name says so, come again and again, in turn or mixed. A status or a
     phase does not: it has no such name, and lasts.
     """
     role, named, keys = columns[index].role, bases[index] in _KEYS, [row[index] for row in rows]
+    times = () if time is None else time.indices
     rest = any(c.role == "channel" for j, c in enumerate(columns) if j != index and j not in times)
     is_code = all(key.isdecimal() and len(key) <= 5 for key in keys)
     is_text = role in ("text", "row name")
@@ -486,4 +491,10 @@ def _is_key(index: int, columns: list[Column], bases: list[str], rows: list[Cell
         return False  # a quantity has rare values
     changes = sum(a != b for a, b in pairwise(keys)) / len(keys)
     in_turn = sum(a == b for a, b in zip(keys, keys[count:], strict=False)) / (len(keys) - count)
-    return changes >= _MIN_CHANGES if named else min(changes, in_turn) >= _MIN_IN_TURN
+    if not named:
+        return min(changes, in_turn) >= _MIN_IN_TURN
+    if changes >= _MIN_CHANGES or time is None:
+        return changes >= _MIN_CHANGES
+    stamps = list(map(row_stamp_parser(time, decimal), rows))
+    ends = [i for i in range(1, len(keys)) if keys[i] != keys[i - 1]]
+    return all((stamps[i] or 0) < (stamps[i - 1] or 0) for i in ends)  # one sensor after the other, all of one time

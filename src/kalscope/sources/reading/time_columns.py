@@ -304,8 +304,11 @@ def unnamed_time(columns: list[Column], rows: list[Cells], decimal: str, *, name
     for i in {0, *channels}:
         form = find_stamp_form([row[i] for row in rows], decimal)
         if form is not None:
-            said = [columns[i].unit, *([] if i else [columns[i].name])]  # a first column `Min`, of HPLC
-            units = [unit for text in said if (unit := UNIT_OF_WORD.get(text.strip().lower()))]
+            said = [
+                columns[i].unit.strip(),
+                *([] if i else _WORD.findall(columns[i].name)),
+            ]  # `Min` in front, of HPLC
+            units = [unit for text in said if (unit := UNIT_OF_WORD.get(text.lower()))]
             form = replace(form, index=i, unit=next(iter(units), ""))
             stamps = stamps_of(form, rows, decimal)
             read[i] = form, stamps[np.isfinite(stamps)]
