@@ -452,7 +452,7 @@ def widened(table: list[Array], tally: Tally, layout: Layout, part: str | None, 
         notes = (*notes, f"names without numbers: {_listed(silent, _MAX_LISTED)}")
     group, places = groups[chosen]
     columns, data = list[Column](), list[Array]()
-    named = len(measures) == 1 or len(tally.series) > 1
+    named = len(tally.series) > 1 or (len(measures) == 1 and described[0].name)
     for code in group:
         here = codes == code
         for measure, values in measures:
