@@ -118,6 +118,7 @@ def test_never_more_than_the_limit_is_drawn_and_all_of_a_short_record(n):
         assert n > MAX_POINTS or len(shown.indices) == n
 
 
+@pytest.mark.slow
 def test_what_is_drawn_is_the_filter_on_all_samples():
     state = opened(walk(20_000, ("z",), missing=0.01))
     result = kalman_filter(state.recording.channel("z"), state.params)

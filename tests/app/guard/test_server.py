@@ -191,6 +191,7 @@ heads = st.builds(
 )
 
 
+@pytest.mark.slow
 @given(heads)
 def test_no_request_without_the_token_is_allowed(head):
     if TOKEN in head["target"] or any(TOKEN in cookie for cookie in head["cookies"]):

@@ -56,6 +56,7 @@ def test_the_newest_files_are_kept_and_damage_counts_as_nothing(tmp_path, monkey
         assert (tmp_path / "tunings").stat().st_mode & 0o077 == 0
 
 
+@pytest.mark.slow
 def test_filters_are_written_once_for_each_change_and_a_file_opens_as_it_was_left(tmp_path):
     (tmp_path / "log.csv").write_text("t,z\n" + "".join(f"{i},{i % 7}.5\n" for i in range(60)))
     state, written = opened(open_source(str(tmp_path / "log.csv"))), []

@@ -73,6 +73,7 @@ def test_undo_goes_back_to_the_recording_and_keeps_the_fleet(fleet, state):
     assert (back.recording.source[:7], back.fleet.fleet) == ("sample:", fleet)
 
 
+@pytest.mark.slow
 def test_every_order_lists_devices_once_and_no_other_is_taken(fleet):
     rows = {order: ranked(fleet).tolist() for order, ranked in ORDERS.items()}
     assert all(len(set(one)) == len(one) > 0 for one in rows.values())
@@ -113,6 +114,7 @@ def test_a_small_fleet_is_points_at_their_q_and_r():
     assert layer.nearest(frame, (x + 12, y)) is None
 
 
+@pytest.mark.slow
 def test_the_outliers_of_a_large_fleet_are_drawn_last_and_can_be_clicked():
     q, r = np.exp(0.3 * np.random.default_rng(0).normal(size=(2, 100_000)))
     layer, frame = fleet_layer(OpenFleet(fleet_of(0.01 * q, r, odd=range(40))), *RANGES), MapFrame(*RANGES)

@@ -37,10 +37,10 @@ def state():
     return apply_fusion(rec, SENSORS, params(), "maximum likelihood")(opened(rec))
 
 
-def test_one_sensor_and_sensors_of_two_units_are_refused():
+def test_one_sensor_and_sensors_of_two_units_are_refused(state):
     for sensors, why in (("a",), "tick 2 to"), (("a", "t"), "one unit"):
         with pytest.raises(BadSetting, match=why):
-            changes.readings_of(opened(recording()), sensors)
+            changes.readings_of(state, sensors)
 
 
 def test_fused_sensors_are_on_screen_in_place_of_the_channel(state):
@@ -115,6 +115,7 @@ def test_the_tuning_file_holds_the_sensors_that_take_part_and_opens_fused(state,
     assert (other.fusion, "not all here" in other.note) == (None, True)
 
 
+@pytest.mark.slow
 def test_a_recording_of_the_same_sensors_stays_fused_and_another_one_not(state):
     assert opened(recording(n=300), state).fusion == state.fusion
     other = opened(recording(("a", "b"), ("mm", "mm")), state)

@@ -69,6 +69,7 @@ def test_the_window_follows_until_the_person_looks_back(board):
     assert live_window(again) == (pytest.approx(10.99), pytest.approx(11.99))
 
 
+@pytest.mark.slow
 def test_the_filter_of_a_growing_record_equals_the_filter_of_the_whole(board):
     opened, chains = opened_board(board.send(200)), (Chain(5), Chain(3, OneEuro(0.02, 0.7, 0.1)))
     chosen = [opened, *(changes.use_chain(chain)(opened) for chain in chains)]
@@ -159,6 +160,7 @@ def test_what_the_command_line_asked_for_waits_until_the_channels_are_known(boar
     assert grown(board, 500, set_text("q", "5")(state)).tuning.q == 5.0
 
 
+@pytest.mark.slow
 def test_a_tuning_of_another_sample_rate_is_rescaled_but_not_for_a_measured_percent():
     for period, q in (0.01, 3.0), (0.0102, 3.0), (0.02, 1.5):
         tuning = Tuning((ChannelTuning("b", "", 3.0, 4.0, None, None, "by hand"),), sample_period=period)

@@ -31,6 +31,7 @@ def test_every_experiment_opens_at_the_settings_of_its_figure(name):
     assert "gain K" in table(frame)
 
 
+@pytest.mark.slow
 def test_the_second_papers_filter_has_its_gain_and_can_be_left():
     state = opened_experiment("experiment:generalized_figure_7")
     frame = compute_frame(state)

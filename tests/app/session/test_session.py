@@ -169,6 +169,7 @@ def test_undo_and_redo_leave_the_view_as_it_is_but_show_another_channel_from_its
     assert (back.channel, back.view.resets) == ("a", other.view.resets + 1)
 
 
+@pytest.mark.slow
 def test_at_least_a_hundred_gestures_are_kept_but_few_recordings(state):
     history, present = History(), state
     for i in range(500):
@@ -197,6 +198,7 @@ def with_momentum(state, momentum):
     return set_text("momentum", repr(momentum))(state)
 
 
+@pytest.mark.slow
 @given(st.floats(0.0, changes.MAX_POSITION))
 def test_the_slider_stays_where_it_was_put(position):
     """The slider is set again where it is more than half a step away, so it must come back nearer than that."""

@@ -93,6 +93,7 @@ def test_an_experiment_reopens_as_its_figure_and_as_it_was_changed(reopen):
             assert essence(reopen(share_line(state).line)) == essence(state)
 
 
+@pytest.mark.slow
 def test_how_the_file_was_read_comes_along(reopen, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     name = next(files(tmp_path))

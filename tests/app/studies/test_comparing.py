@@ -26,6 +26,7 @@ def state_of(n=3000, unit="g", **changes):
     return opened(replace(rec, **changes))
 
 
+@pytest.mark.slow
 def test_drawn_curves_are_those_of_the_comparison_at_the_drawn_samples():
     state = set_window(5.0, 15.0)(state_of())
     compared = compute_alternatives(state, Cache())
@@ -48,6 +49,7 @@ def test_a_long_recording_is_compared_around_the_view_and_drawn_only_there():
     assert compute_alternatives(set_window(4400.0, 4499.0)(state), Cache()).inside.all()
 
 
+@pytest.mark.slow
 def test_the_table_has_a_row_a_filter_and_no_markup_from_the_unit():
     text = text_of(compute_alternatives(state_of(unit="<b>|"), Cache()))
     rows = [line for line in text.splitlines() if line.startswith("|")]
@@ -61,6 +63,7 @@ def test_the_table_has_a_row_a_filter_and_no_markup_from_the_unit():
     assert "**Median.**" in text_of(compute_alternatives(odd, Cache()))
 
 
+@pytest.mark.slow
 def test_the_density_keeps_its_power_in_bins_and_the_cutoff_is_on_the_response():
     spectra = compute_spectra(state_of(100_000).with_tuning(q=0.01, r=1.0, momentum=0.0))
     assert len(spectra.frequency) <= 240

@@ -40,6 +40,7 @@ def test_moving_q_r_or_the_window_gives_the_same_map_without_work_and_a_point_ou
     assert re.fullmatch(r"Drawn without .*initial variance p0 and outlier gate\.", gated.note)
 
 
+@pytest.mark.slow
 def test_the_map_of_a_record_with_spikes_is_that_of_the_fit_without_them():
     state = opened(walk(3000, 0.05))
     values = state.recording.values.copy()

@@ -95,6 +95,7 @@ def test_advice_on_another_recording_is_not_taken(state):
         assert taken(action, state, Session(other)) == (other, requests)
 
 
+@pytest.mark.slow
 def test_momentum_is_advised_where_it_helps_and_added_at_the_lag_on_screen():
     demo = opened(open_source("demo"))
     off = demo.with_tuning(momentum=0.0, q=300.0)

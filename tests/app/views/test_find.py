@@ -76,6 +76,7 @@ def test_the_answer_is_one_sentence_with_what_it_costs_and_what_has_changed(stat
     assert f"A step overshoots by {plain(percent(float(steady_state(found.params).overshoot)))}." in text
 
 
+@pytest.mark.slow
 def test_the_lag_is_first_that_of_the_medium_setting_in_a_unit_that_suits_it():
     units = {None: "samples", 0.002: "ms", 0.1: "ms", 3.0: "s", 240.0: "min", 31557600.0: "years"}
     for period, unit in units.items():
@@ -89,6 +90,7 @@ def test_the_lag_is_first_that_of_the_medium_setting_in_a_unit_that_suits_it():
         assert target / (period or 1.0) == pytest.approx(lag, rel=0.05)
 
 
+@pytest.mark.slow
 def test_three_settings_are_offered_where_the_best_fit_hardly_filters():
     time = np.arange(2000) * 0.01
     still, moving = opened(walk(2000)), opened(Recording(time, ("a",), ("",), np.sin(time)[:, None], 0.01))

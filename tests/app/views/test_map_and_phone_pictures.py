@@ -57,6 +57,7 @@ def test_the_best_shade_lies_under_the_mark_of_the_estimate_and_a_pinned_pair_at
     assert rgb(pinned.variants[0].css(dark=dark)) in patch
 
 
+@pytest.mark.slow
 def test_where_there_is_no_map_the_reason_is_written(state):
     why = nothing("The signal is constant: there is nothing to tune.")
     assert (draw_map_picture(state, why) != draw_map_picture(state, nothing(""))).any()
@@ -79,6 +80,7 @@ def frame_of(values, dark=False):
     return compute_frame(opened(recording).with_view(dark=dark))
 
 
+@pytest.mark.slow
 @BOTH
 def test_the_filtered_curve_runs_through_the_visible_part(dark):
     picture = draw_picture(frame_of(np.sin(np.arange(300) / 20), dark), shape=390 / 844)
@@ -89,6 +91,7 @@ def test_the_filtered_curve_runs_through_the_visible_part(dark):
     assert curve[:, 1].max() > 0.94 * WIDTH
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("values", [[1.0], [5.0] * 9, [np.nan, 1.0, np.nan, 2.0], [1e-9, 3e-9], [1e200, -1e200]])
 def test_every_recording_can_be_pictured(values):
     assert draw_picture(frame_of(values), shape=0.5).shape == (1560, WIDTH, 3)

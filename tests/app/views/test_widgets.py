@@ -41,6 +41,7 @@ def test_a_name_from_outside_carries_no_live_markup(name):
     assert escape_markdown("rows 2\u202f289\n to\t3") == "rows 2\u202f289 to 3"  # no break within a number
 
 
+@pytest.mark.slow
 def test_the_header_of_a_recording_without_a_rate_counts_in_samples():
     unknown = replace(open_source("demo"), sample_period=None)
     assert record_line(unknown) == "**Bending finger** · sample rate unknown"
