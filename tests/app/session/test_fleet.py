@@ -25,6 +25,8 @@ from kalscope_app.views.charts import LIGHT
 from kalscope_app.views.fleet import device_labels, fleet_rows, fleet_table
 from kalscope_app.views.map import SHARPNESS, draw_map_picture
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def fleet(tmp_path_factory):
@@ -42,7 +44,6 @@ def at(fleet, state, i):
     return at_device(fleet, i)(opened(reopen(fleet.devices.ids[i], fleet.devices.sources[i], fleet.note), state))
 
 
-@pytest.mark.slow
 def test_a_fleet_opens_with_the_map_and_a_device_at_its_own_filter(fleet, state):
     assert (state.view.map_shown, find_devices("x")(close_fleet(state)).fleet) == (True, None)
     found = find_devices(" dev\n0 " + "x" * 999)(state).fleet.find
@@ -59,7 +60,6 @@ def test_a_fleet_opens_with_the_map_and_a_device_at_its_own_filter(fleet, state)
     assert after.tuning == after.start
 
 
-@pytest.mark.slow
 def test_undo_goes_back_to_the_recording_and_keeps_the_fleet(fleet, state):
     session = Session(opened(open_source("demo")))
     session.request(open_fleet(fleet))
@@ -73,7 +73,6 @@ def test_undo_goes_back_to_the_recording_and_keeps_the_fleet(fleet, state):
     assert (back.recording.source[:7], back.fleet.fleet) == ("sample:", fleet)
 
 
-@pytest.mark.slow
 def test_every_order_lists_devices_once_and_no_other_is_taken(fleet):
     rows = {order: ranked(fleet).tolist() for order, ranked in ORDERS.items()}
     assert all(len(set(one)) == len(one) > 0 for one in rows.values())
@@ -114,7 +113,6 @@ def test_a_small_fleet_is_points_at_their_q_and_r():
     assert layer.nearest(frame, (x + 12, y)) is None
 
 
-@pytest.mark.slow
 def test_the_outliers_of_a_large_fleet_are_drawn_last_and_can_be_clicked():
     q, r = np.exp(0.3 * np.random.default_rng(0).normal(size=(2, 100_000)))
     layer, frame = fleet_layer(OpenFleet(fleet_of(0.01 * q, r, odd=range(40))), *RANGES), MapFrame(*RANGES)
@@ -122,7 +120,6 @@ def test_the_outliers_of_a_large_fleet_are_drawn_last_and_can_be_clicked():
     assert layer.nearest(frame, frame.pixel(layer.points[-1])) == layer.devices[-1]
 
 
-@pytest.mark.slow
 def test_the_picture_has_a_point_in_its_colour_where_the_device_is():
     two = fleet_of([1e-4, 0.3], [0.1, 0.1], growth=[0.0, 0.5])
     state = open_fleet(two)(opened(synthesize("random_walk", n=1000, seed=1)))

@@ -16,6 +16,8 @@ from kalscope_app.main import add_dashboard
 from kalscope_app.session.changes import select_channel, set_sample_period, set_text, share_line
 from kalscope_app.session.opening import opened, opened_experiment
 
+pytestmark = pytest.mark.slow
+
 
 class Stopped(Exception):
     """The program has its first state."""
@@ -71,7 +73,6 @@ CHANGES = [
 ]
 
 
-@pytest.mark.slow
 def test_the_line_reopens_file_channel_and_setting(reopen, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     names = list(files(tmp_path))
@@ -84,7 +85,6 @@ def test_the_line_reopens_file_channel_and_setting(reopen, tmp_path, monkeypatch
         assert np.array_equal(again.recording.values, state.recording.values, equal_nan=True)
 
 
-@pytest.mark.slow
 def test_an_experiment_reopens_as_its_figure_and_as_it_was_changed(reopen):
     for name in ("lis302dl_r_32", "noise_reducer_figure_6", "generalized_figure_7"):
         figure = opened_experiment(f"experiment:{name}")
@@ -93,7 +93,6 @@ def test_an_experiment_reopens_as_its_figure_and_as_it_was_changed(reopen):
             assert essence(reopen(share_line(state).line)) == essence(state)
 
 
-@pytest.mark.slow
 def test_how_the_file_was_read_comes_along(reopen, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     name = next(files(tmp_path))

@@ -17,6 +17,8 @@ from kalscope_app.studies.checks import compute_spectra
 from kalscope_app.studies.comparisons import MAX_LANE_POINTS, MAX_LANES, compute_alternatives, compute_overview
 from kalscope_app.views.chart_tabs import ALL, NAMES, cutoff_words, lanes_of, lead_of, settings_of, text_of
 
+pytestmark = pytest.mark.slow
+
 RNG = np.random.default_rng(30)
 
 
@@ -26,7 +28,6 @@ def state_of(n=3000, unit="g", **changes):
     return opened(replace(rec, **changes))
 
 
-@pytest.mark.slow
 def test_drawn_curves_are_those_of_the_comparison_at_the_drawn_samples():
     state = set_window(5.0, 15.0)(state_of())
     compared = compute_alternatives(state, Cache())
@@ -39,7 +40,6 @@ def test_drawn_curves_are_those_of_the_comparison_at_the_drawn_samples():
     assert tuple(one.name for one in everything.alternatives) == NAMES
 
 
-@pytest.mark.slow
 def test_a_long_recording_is_compared_around_the_view_and_drawn_only_there():
     n = 450_000
     state = state_of(n, values=np.resize(RNG.normal(size=9973), n).reshape(-1, 1))
@@ -49,7 +49,6 @@ def test_a_long_recording_is_compared_around_the_view_and_drawn_only_there():
     assert compute_alternatives(set_window(4400.0, 4499.0)(state), Cache()).inside.all()
 
 
-@pytest.mark.slow
 def test_the_table_has_a_row_a_filter_and_no_markup_from_the_unit():
     text = text_of(compute_alternatives(state_of(unit="<b>|"), Cache()))
     rows = [line for line in text.splitlines() if line.startswith("|")]
@@ -63,7 +62,6 @@ def test_the_table_has_a_row_a_filter_and_no_markup_from_the_unit():
     assert "**Median.**" in text_of(compute_alternatives(odd, Cache()))
 
 
-@pytest.mark.slow
 def test_the_density_keeps_its_power_in_bins_and_the_cutoff_is_on_the_response():
     spectra = compute_spectra(state_of(100_000).with_tuning(q=0.01, r=1.0, momentum=0.0))
     assert len(spectra.frequency) <= 240
@@ -120,7 +118,6 @@ def test_lanes_hold_each_channel_on_its_own_scale(state):
         assert np.allclose(lane.filtered, (filtered - middle) / half, atol=1e-9)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(("channels", "lanes"), [(1, 0), (2, 2), (40, MAX_LANES)])
 def test_sixteen_channels_are_drawn_of_any_number(channels, lanes):
     state = opened(recording(n=20_000, channels=channels, scale=1.5))

@@ -20,6 +20,8 @@ from kalscope_app.views.charts import DARK, LIGHT
 from kalscope_app.views.map import SHARPNESS, draw_map_picture, lag_words, shades
 from kalscope_app.views.phone import VISIBLE, WIDTH, PhonePictures, draw_picture
 
+pytestmark = pytest.mark.slow
+
 BOTH = pytest.mark.parametrize("dark", [False, True], ids=["light", "dark"])
 PALETTES = {False: LIGHT, True: DARK}
 
@@ -38,7 +40,6 @@ def rgb(colour):
     return [int(colour[i : i + 2], 16) for i in (1, 3, 5)]
 
 
-@pytest.mark.slow
 @BOTH
 def test_the_best_shade_lies_under_the_mark_of_the_estimate_and_a_pinned_pair_at_its_place(state, shown, dark):
     state, palette = set_dark(dark)(state), PALETTES[dark]
@@ -57,7 +58,6 @@ def test_the_best_shade_lies_under_the_mark_of_the_estimate_and_a_pinned_pair_at
     assert rgb(pinned.variants[0].css(dark=dark)) in patch
 
 
-@pytest.mark.slow
 def test_where_there_is_no_map_the_reason_is_written(state):
     why = nothing("The signal is constant: there is nothing to tune.")
     assert (draw_map_picture(state, why) != draw_map_picture(state, nothing(""))).any()
@@ -80,7 +80,6 @@ def frame_of(values, dark=False):
     return compute_frame(opened(recording).with_view(dark=dark))
 
 
-@pytest.mark.slow
 @BOTH
 def test_the_filtered_curve_runs_through_the_visible_part(dark):
     picture = draw_picture(frame_of(np.sin(np.arange(300) / 20), dark), shape=390 / 844)
@@ -91,7 +90,6 @@ def test_the_filtered_curve_runs_through_the_visible_part(dark):
     assert curve[:, 1].max() > 0.94 * WIDTH
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("values", [[1.0], [5.0] * 9, [np.nan, 1.0, np.nan, 2.0], [1e-9, 3e-9], [1e200, -1e200]])
 def test_every_recording_can_be_pictured(values):
     assert draw_picture(frame_of(values), shape=0.5).shape == (1560, WIDTH, 3)
