@@ -17,23 +17,21 @@ READ_ALL = READ + "0 rejected"
 Make = Callable[[Path, int], object]
 
 
+def written(pieces: Callable[[int], Iterable[str]]) -> Make:
+    """A file of these pieces."""
+
+    def make(path: Path, size: int) -> None:
+        with path.open("w", encoding="utf-8", newline="") as file:
+            file.writelines(pieces(size))
+
+    return make
+
+
 def line_of(run: str, *, alone: bool) -> Make:
     """One line of `size` characters; between rows, or alone and without an end."""
-
-    def make(path: Path, size: int) -> None:
-        pieces = repeat(run * max(1, 65536 // len(run)), max(1, size // 65536))
-        write(path, pieces if alone else (*ROWS[:100], *pieces, "x\n", *ROWS[100:]))
-
-    return make
-
-
-def lines_of(line: Callable[[int], str]) -> Make:
-    """`size` lines, each of its own."""
-
-    def make(path: Path, size: int) -> None:
-        write(path, map(line, range(size)))
-
-    return make
+    block = run * max(1, 65536 // len(run))
+    above, below = ([], []) if alone else (ROWS[:100], ["x\n", *ROWS[100:]])
+    return written(lambda size: (*above, *repeat(block, max(1, size // 65536)), *below))
 
 
 def text(content: str | bytes) -> Make:
@@ -45,20 +43,11 @@ def text(content: str | bytes) -> Make:
     return make
 
 
-def write(path: Path, pieces: Iterable[str]) -> None:
-    with path.open("w", encoding="utf-8", newline="") as file:
-        file.writelines(pieces)
-
-
 def wide(name: Callable[[int], str]) -> Make:
     """A header and three rows of `size` columns."""
-
-    def make(path: Path, size: int) -> None:
-        with path.open("w") as file:
-            file.write(",".join(map(name, range(size))) + "\n")
-            file.writelines(",".join(repeat(f"{row}.5", size)) + "\n" for row in range(3))
-
-    return make
+    return written(
+        lambda size: (",".join(line) + "\n" for line in (map(name, range(size)), *[repeat("1.5", size)] * 3))
+    )
 
 
 def noise(letters: bytes) -> Make:
@@ -101,10 +90,6 @@ DATES += ("0001-01-01 00:00:00",)
 ZONES = ("9999-12-31T23:59:59-23:59", "0001-01-01T00:00:00+23:59")
 
 
-def day(i: int) -> str:
-    return f"2024-03-01 00:00:{i:02}"
-
-
 def one_line(run: str, expected: str) -> Case:
     name = f"one line of `{run.strip() or 'blanks'}`"
     return Case(name, line_of(run, alone=True), expected, 3 * MIB // 2, 500 * MIB)
@@ -116,31 +101,27 @@ def between(run: str) -> Case:
 
 
 def endless(name: str, line: Callable[[int], str], expected: str, small: int, big: int, big_mib: int = 80) -> Case:
-    return Case(name, lines_of(line), expected, small, big, big_mib=big_mib, file="log.txt")
+    return Case(
+        name, written(lambda size: map(line, range(size))), expected, small, big, big_mib=big_mib, file="log.txt"
+    )
 
 
 def content(name: str, data: str | bytes, expected: str) -> Case:
     return Case(name, text(data), expected)
 
 
-def with_name(path: Path, size: int) -> None:
+def with_name(size: int) -> Iterable[str]:
     """A table whose first column has a name of this length."""
-    write(path, ("n" * size + ",y\n", *(f"{i}.5,2\n" for i in range(50))))
-
-
-def unit_and_blanks(path: Path, size: int) -> None:
-    write(path, ("# unit" + " " * size + "x\n", PLAIN))
-
-
-def open_quote(path: Path, size: int) -> None:
-    write(path, (*ROWS[:50], '1,"2,3\n', *repeat(PLAIN, size)))
+    return ("n" * size + ",y\n", *(f"{i}.5,2\n" for i in range(50)))
 
 
 def short(line: str) -> Case:
     """This line over and over; above 32 kB a file is read in blocks."""
     name = line.strip().replace("\n", " ") or " "
     few = max(4_000, (1 << 15) // len(line) + 1)
-    return Case(f"lines of `{name}`", lines_of(lambda _: line), ".*", few, 500_000, mib=60, big_mib=200)
+    return Case(
+        f"lines of `{name}`", written(lambda size: repeat(line, size)), ".*", few, 500_000, mib=60, big_mib=200
+    )
 
 
 WIDE = "refused: log.csv must be a table of numbers, of at most 256 columns"
@@ -164,12 +145,14 @@ TEXTS = (
     one_line("\0", NO_TEXT),
     one_line("[", NO_ROWS),
     *map(between, ("1", "1,", " ", '"', "a:1 ", "[")),
-    Case("`# unit`, blanks and x", unit_and_blanks, READ_ALL, 60_000, MIB - 60_000),
+    Case("`# unit`, blanks and x", written(lambda size: ("# unit" + " " * size + "x\n", PLAIN)), READ_ALL, 60_000,
+        MIB - 60_000),
     Case("many columns", wide("c{}".format), WIDE, 20_000, 100_000, then=NO_ROWS),
     Case("many columns of one name", wide("a".format), WIDE, 20_000, 1_000_000, then=NO_ROWS),
     Case("256 columns of one name", wide("a".format), "read: 3 rows, 256 channels, 0 rejected", 256, 256),
-    Case("a long name", with_name, "read: 50 rows, 2 channels", MIB // 2, 10 * MIB, then=NO_ROWS),
-    Case("an open quote", open_quote, "read: [0-9]+ rows, 3 channels, 0 rejected", 10, 20_000, big_mib=300),
+    Case("a long name", written(with_name), "read: 50 rows, 2 channels", MIB // 2, 10 * MIB, then=NO_ROWS),
+    Case("an open quote", written(lambda size: (*ROWS[:50], '1,"2,3\n', *repeat(PLAIN, size))),
+        "read: [0-9]+ rows, 3 channels, 0 rejected", 10, 20_000, big_mib=300),
     endless("a new label on each line", "a{0}:{0}\n".format, NO_TABLE, 7_000, 1_000_000),
     endless("a new name on each row", lambda i: f"{i},n{i},{i % 7}.5\n", "read: ", 10_000, 1_000_000),
     endless("a new width on each line", lambda i: ",".join(repeat("1", i % 2000)) + "\n", NO_TABLE, 400, 100_000),
@@ -192,7 +175,8 @@ TEXTS = (
     content("UTF-8 with half a pair", PLAIN + "\ud800,1,2\n", READ + "1 rejected"),
     content("the mark of UTF-8 on each line", "\ufeff" + PLAIN.replace("\n", "\n\ufeff"), "read: 200 rows"),
     content("numbers that are none", table(NUMBERS), "read: 146 rows, 2 channels, 0 rejected"),
-    content("stamps that are no dates", stamps(day, DATES), "read: 63 rows, 1 channels, 11 rejected"),
+    content("stamps that are no dates", stamps("2024-03-01 00:00:{:02}".format, DATES),
+        "read: 63 rows, 1 channels, 11 rejected"),
     content("stamps at the ends of the calendar", stamps("2024-03-01T00:00:{:02}Z".format, ZONES), "read: 62 rows"),
     content("dates of the years 0 and 99999", stamps("0000-00-{:02}".format) + stamps("99999-01-{:02}".format),
         "read: "),
