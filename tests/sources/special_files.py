@@ -31,6 +31,18 @@ def grow(path: Path) -> None:
         file.writelines(f"{i},{i % 7}.5\n" for i in range(1000))
 
 
+def overwrite(path: Path) -> None:
+    path.write_bytes(bytes(range(256)) * 4096)
+
+
+def shrink(path: Path) -> None:
+    os.truncate(path, path.stat().st_size // 2)
+
+
+def empty(path: Path) -> None:
+    os.truncate(path, 0)
+
+
 def changed(name: str, change: Callable[[Path], object], expected: str) -> Case:
     return Case(f"a file that {name}", rows, expected, 5000, 500_000, during=change)
 
@@ -46,9 +58,8 @@ SPECIAL = (
     Case("an empty file", text(""), "refused: log.csv must hold lines of numbers"),
     Case("the memory of the process", link_to("/proc/self/mem"), "refused: "),
     changed("grows", grow, "read: [0-9]+ rows"),
-    changed("shrinks", lambda path: os.truncate(path, path.stat().st_size // 2), "read: [0-9]+ rows"),
-    changed("is emptied", lambda path: os.truncate(path, 0), "refused: log.csv must hold a whole line"),
+    changed("shrinks", shrink, "read: [0-9]+ rows"),
+    changed("is emptied", empty, "refused: log.csv must hold a whole line"),
     changed("vanishes", os.unlink, "refused: reading .* failed midway"),
-    changed("becomes noise", lambda path: path.write_bytes(bytes(range(256)) * 4096),
-        "refused: log.csv must hold a whole line"),
+    changed("becomes noise", overwrite, "refused: log.csv must hold a whole line"),
 )  # fmt: skip

@@ -45,9 +45,7 @@ def text(content: str | bytes) -> Make:
 
 def wide(name: Callable[[int], str]) -> Make:
     """A header and three rows of `size` columns."""
-    return written(
-        lambda size: (",".join(line) + "\n" for line in (map(name, range(size)), *[repeat("1.5", size)] * 3))
-    )
+    return written(lambda size: (",".join(map(one, range(size))) + "\n" for one in (name, *["{}.5".format] * 3)))
 
 
 def noise(letters: bytes) -> Make:

@@ -67,7 +67,7 @@ def test_matlab_version_73_is_hdf5(tmp_path):
     path = tmp_path / "log.mat"
     with h5py.File(path, "w", userblock_size=512) as file:
         file["x"], file["t"] = X[None, :], T[None, :]  # MATLAB stores a column as a row
-        file["note"] = np.array([[104], [105]], dtype=np.uint16)
+        file["note"] = np.full((1, 50), 104, dtype=np.uint16)
         file["note"].attrs["MATLAB_class"] = np.bytes_("char")
     with path.open("r+b") as file:
         file.write(b"MATLAB 7.3 MAT-file,")

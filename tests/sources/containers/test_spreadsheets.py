@@ -53,6 +53,7 @@ def test_the_sheet_with_most_numbers_is_read_and_the_others_named(book):
         read_recording(path, ReadOptions(part="notes"))
 
 
+@pytest.mark.slow
 def test_two_cells_at_the_ends_of_a_sheet_are_refused_before_they_fill_the_memory(tmp_path):
     import openpyxl
 

@@ -129,6 +129,7 @@ def test_stamps_since_1970_need_no_name(times, cell, is_time):
     assert times({"x": [str(cell(i)) for i in range(N)], "a": NOISE}).names == (("a",) if is_time else ("x", "a"))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("count", [100, 599, 601, 2000])
 def test_a_counter_without_a_name_is_no_time_however_many_rows_are_weighed(times, count):
     for step, names in ((1, ("value 1", "value 2")), (20, ("value 1",))):

@@ -43,6 +43,7 @@ def numbered(begin, end):
     return numbers / 10, np.column_stack([numbers, -numbers])
 
 
+@pytest.mark.slow
 @given(st.integers(1, 50), st.lists(st.integers(0, 60), max_size=20))
 def test_the_last_samples_are_kept_in_order_and_views_never_change(keep, pieces):
     store, came, views = SampleStore(2, keep), 0, []

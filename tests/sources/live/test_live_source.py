@@ -49,6 +49,7 @@ def test_other_columns_are_a_new_generation_and_the_same_header_is_none(board, l
     np.testing.assert_array_equal(first.recording.values[:, 0], np.arange(100))
 
 
+@pytest.mark.slow
 def test_a_board_plugged_in_again_goes_on_with_the_true_pause_and_one_missing_row(board, live, wait_for, tmp_path):
     begin = time.monotonic()
     live.record(tmp_path / "run.csv")
@@ -86,6 +87,7 @@ def test_close_frees_the_port_and_start_goes_on_with_the_same_samples(board, liv
     wait_for(lambda: kept(live) == 21)
 
 
+@pytest.mark.slow
 def test_noise_is_named_as_a_wrong_baud_rate(board, live, wait_for):
     rng = np.random.default_rng(0)
     while "baud" not in live.status().hint:

@@ -164,6 +164,7 @@ def test_a_header_far_below_a_long_preamble_names_the_columns(read):
 TEXT = "t,T (°C)\n" + "".join(f"{i / 100:.2f},{20 + i / 8:.3f}\n" for i in range(40))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("size", [16, 500_000])
 def test_a_part_that_was_never_written_is_one_rejected_line(read, size):
     text = TEXT.encode()

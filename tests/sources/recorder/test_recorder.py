@@ -114,6 +114,7 @@ def test_hostile_names_come_back_in_our_reader_and_in_pandas(tmp_path, first):
     np.testing.assert_array_equal(table.to_numpy()[:, 1:], expected)
 
 
+@pytest.mark.slow
 def test_what_is_no_row_goes_into_the_rejects_with_time_number_and_reason(tmp_path):
     import pandas as pd
 
