@@ -10,6 +10,7 @@ import os
 import random
 import threading
 import time
+from contextlib import suppress
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -33,9 +34,6 @@ class Program:
         self.process, self.log = process, log
         self.port, self.token = port_of(url), token_of(url)
 
-    def guest(self):
-        return Guest(self.port, self.token)
-
     def rss(self):
         """Resident memory, bytes."""
         status = Path(f"/proc/{self.process.pid}/status").read_text()
@@ -56,7 +54,7 @@ def program(tmp_path):
 
 def settled(program):
     """A new client that has seen every widget."""
-    guest = program.guest()
+    guest = Guest(program.port, program.token)
     guest.read_until(lambda: any(made["type"] == "GuiSliderMessage" for made in guest.widgets.values()))
     while guest.read(timeout=0.5):
         pass
@@ -165,22 +163,18 @@ HONEST = [
 ]
 
 
-def send_hostile(program, rng, known, count):
-    """Send `count` messages, each handled before the next, by a new connection whenever the last was ended.
-
-    Returns how many were ended.
-    """
+def send_hostile(program, rng, known):
+    """Send all messages, each handled before the next, on a new connection after each end; how many were ended."""
     sent = ended = 0
-    while sent < count:
-        try:
-            with client(program.port, token=program.token) as hostile:
-                hostile.send(packed("ViewerCameraMessage", **CAMERA))
-                while sent < count:
-                    sent += 1
-                    hostile.send(hostile_frame(rng, known, HONEST))
-                    hostile.ping(ack_on_close=True).wait(PATIENCE)
-        except ConnectionClosed:
+    while sent < MESSAGES:
+        with suppress(ConnectionClosed), client(program.port, token=program.token) as hostile:
+            hostile.send(packed("ViewerCameraMessage", **CAMERA))
             ended += 1
+            while sent < MESSAGES:
+                sent += 1
+                hostile.send(hostile_frame(rng, known, HONEST))
+                hostile.ping(ack_on_close=True).wait(PATIENCE)
+            ended -= 1
     return ended
 
 
@@ -191,7 +185,7 @@ def test_whatever_a_client_sends_the_next_one_is_served_as_before(program):
     target = everything_on(before)
     assert len(target.commands) > 3
     rss_before, rng = program.rss(), random.Random(9)
-    ended = send_hostile(program, rng, target, MESSAGES)
+    ended = send_hostile(program, rng, target)
     grown = program.rss() - rss_before
     with settled(program) as after:
         assert ended > 0
@@ -220,10 +214,8 @@ def within_range(guest, uuid):
         return value in props["options"]
     if made["type"] in (types := {"GuiCheckboxMessage": bool, "GuiTextMessage": str}):
         return isinstance(value, types[made["type"]])
-    numbers = value if isinstance(value, list) else [value]
-    if props.get("min") is not None and props.get("max") is not None:
-        return all(props["min"] <= number <= props["max"] for number in numbers)
-    return True
+    numbers, (low, high) = value if isinstance(value, list) else [value], (props.get("min"), props.get("max"))
+    return None in (low, high) or all(low <= number <= high for number in numbers)
 
 
 # --- many at once -----------------------------------------------------------------------------------------

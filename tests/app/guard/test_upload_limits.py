@@ -22,16 +22,6 @@ from websockets.sync.connection import Connection
 from kalscope_app.guard import messages as message_filter
 from kalscope_app.guard import requests
 from kalscope_app.guard import server as guard
-from kalscope_app.guard.messages import (
-    MAX_BURST,
-    MAX_NAME,
-    MAX_PER_SECOND,
-    MAX_TEXT,
-    Misbehaviour,
-    RateLimit,
-    check_fields,
-    fitting_value,
-)
 from kalscope_app.guard.server import GuardedServer, guarded_server
 
 TOKEN = "T0ken-T0ken_T0ken"
@@ -49,13 +39,10 @@ class Bench:
         self.running, self.connection, self.refused = running, connection, refused
         self.changed: queue.Queue[str] = queue.Queue()
         self.uploaded: queue.Queue[viser.UploadedFile] = queue.Queue()
-        self.guis: dict[str, viser.GuiApi] = {"shared": running.server.gui}
-        self.texts = {}
-        self.buttons = {}
+        self.guis, self.texts, self.buttons = {}, {}, {}
 
-    def furnish(self, scope: str) -> None:
-        text = self.guis[scope].add_text("text", "old")
-        button = self.guis[scope].add_upload_button("upload")
+    def furnish(self, scope: str, gui: viser.GuiApi) -> None:
+        self.guis[scope], text, button = gui, gui.add_text("text", "old"), gui.add_upload_button("upload")
         text.on_update(lambda event: self.changed.put(event.target.value))
         button.on_upload(lambda event: self.uploaded.put(event.target.value))
         self.texts[scope], self.buttons[scope] = text, button
@@ -82,11 +69,8 @@ class Bench:
                 pass
 
     def under_way(self) -> dict[str, int]:
-        return {
-            name: upload["total_bytes"]
-            for gui in self.guis.values()
-            for name, upload in gui._current_file_upload_states.items()
-        }
+        uploads = [each for gui in self.guis.values() for each in gui._current_file_upload_states.items()]
+        return {name: upload["total_bytes"] for name, upload in uploads}
 
 
 @pytest.fixture
@@ -100,9 +84,8 @@ def bench() -> Iterator[Bench]:
         running.server.on_client_connect(arrived.put)
         bench = Bench(running, connection, refused)
         bench.send("ViewerCameraMessage", **CAMERA)
-        bench.guis["client"] = arrived.get(timeout=PATIENCE).gui
-        bench.furnish("shared")
-        bench.furnish("client")
+        bench.furnish("shared", running.server.gui)
+        bench.furnish("client", arrived.get(timeout=PATIENCE).gui)
         yield bench
 
 
@@ -238,13 +221,15 @@ IMPOSSIBLE = {
     "updates in a list": (packed("GuiUpdateMessage", uuid="u", updates=[1]), 1008),
     "updates missing": (packed("GuiUpdateMessage", uuid="u", updates=None), 1008),
     "a number as name": (packed("GuiUpdateMessage", uuid=1, updates={}), 1008),
-    "an endless name": (packed("GuiFormSubmitMessage", uuid="u" * (MAX_NAME + 1)), 1008),
+    "an endless name": (packed("GuiFormSubmitMessage", uuid="u" * (message_filter.MAX_NAME + 1)), 1008),
     "a command of bytes": (packed("CommandTriggerMessage", uuid=b"u"), 1008),
     "a camera nowhere": (packed("ViewerCameraMessage", **CAMERA | {"position": (float("nan"), 0, 0)}), 1008),
     "an endless screen": (packed("ViewerCameraMessage", **CAMERA | {"image_width": 10**9}), 1008),
     "a hold at no frequency": (packed("GuiButtonHoldMessage", uuid="u", frequency=float("inf")), 1008),
     "an upload with an endless name": (
-        packed("FileTransferStartUpload", **UPLOAD | {"filename": "x" * (MAX_NAME + 1)}, part_count=1),
+        packed(
+            "FileTransferStartUpload", **UPLOAD | {"filename": "x" * (message_filter.MAX_NAME + 1)}, part_count=1
+        ),
         1008,
     ),
     "a part of text": (packed("FileTransferPart", **PART, content="text"), 1008),
@@ -263,7 +248,7 @@ def test_a_client_that_floods_is_disconnected(bench, monkeypatch):
     monkeypatch.setattr(message_filter, "MAX_PER_SECOND", 0.0)  # a slow machine may take them as slowly as a hand
     with client(bench.running.port) as hostile:
         with contextlib.suppress(ConnectionClosed):
-            for _ in range(int(MAX_BURST) + 1):
+            for _ in range(int(message_filter.MAX_BURST) + 1):
                 hostile.send(packed("GuiFormSubmitMessage", uuid="u"))
         assert close_code(hostile) == 1008
     bench.settle()
@@ -304,7 +289,7 @@ TAKEN = {
     "two thumbs": ((0.0, 1.0), [0.2, 7], 0.0, 1.0, (0.2, 1.0)),
     "beyond every float": (0.5, 10**400, None, None, None),
     "a tick for a number": (0.5, True, None, None, None),
-    "an endless text": ("a", "x" * (MAX_TEXT + 1), None, None, None),
+    "an endless text": ("a", "x" * (message_filter.MAX_TEXT + 1), None, None, None),
     "one thumb too many": ((0.0, 1.0), [0.1, 0.2, 0.3], None, None, None),
     "a widget of unknown kind": (object(), 1, None, None, None),
 }
@@ -312,8 +297,8 @@ TAKEN = {
 
 @pytest.mark.parametrize(("current", "value", "low", "high", "expected"), TAKEN.values(), ids=TAKEN.keys())
 def test_a_value_is_held_within_its_range_and_what_does_not_fit_is_left(current, value, low, high, expected):
-    assert fitting_value(current, value, low, high) == expected
-    assert fitting_value("a", value, None, None, ("a", "b")) is None  # a menu has its own words
+    assert message_filter.fitting_value(current, value, low, high) == expected
+    assert message_filter.fitting_value("a", value, None, None, ("a", "b")) is None  # a menu has its own words
 
 
 junk = st.recursive(
@@ -333,13 +318,15 @@ KINDS += [messages.ScenePointerMessage, messages.TransformControlsUpdateMessage]
 @given(st.sampled_from(KINDS), st.data())
 def test_a_message_of_junk_is_judged_and_nothing_else_is_raised(kind, data):
     message = kind(**{field.name: data.draw(junk) for field in dataclasses.fields(kind) if field.init})
-    with contextlib.suppress(Misbehaviour):
-        check_fields(message)
+    with contextlib.suppress(message_filter.Misbehaviour):
+        message_filter.check_fields(message)
 
 
 def test_the_rate_limit_is_a_burst_and_then_a_rate():
-    limit = RateLimit(100.0)
-    assert all(limit.allows(100.0) for _ in range(int(MAX_BURST)))
+    limit = message_filter.RateLimit(100.0)
+    assert all(limit.allows(100.0) for _ in range(int(message_filter.MAX_BURST)))
     assert not limit.allows(100.0)
-    limit = RateLimit(0.0)
-    assert all(limit.allows(i / (0.9 * MAX_PER_SECOND)) for i in range(20 * int(MAX_BURST)))
+    limit = message_filter.RateLimit(0.0)
+    assert all(
+        limit.allows(i / (0.9 * message_filter.MAX_PER_SECOND)) for i in range(20 * int(message_filter.MAX_BURST))
+    )

@@ -16,15 +16,7 @@ from kalscope.tuning.tuning import chain_text, typed_chain
 from kalscope_app.engine.filter_runs import Cache, FilterRuns, choose_samples
 from kalscope_app.engine.frame import compute_frame
 from kalscope_app.session import changes
-from kalscope_app.session.changes import (
-    delete_variant,
-    pin_present,
-    select_channel,
-    set_median,
-    set_text,
-    use_chain,
-    use_variant,
-)
+from kalscope_app.session.changes import pin_present, set_text, use_chain, use_variant
 from kalscope_app.session.opening import opened
 from kalscope_app.session.session import Session
 from kalscope_app.session.state import MAX_VARIANTS, SAME_LAG
@@ -44,7 +36,7 @@ def pin(state, *values):
 
 
 def test_letters_and_colours_that_were_freed_come_again(state):
-    again = pin(delete_variant("B")(pin(state, 1, 2, 3)), 4)
+    again = pin(changes.delete_variant("B")(pin(state, 1, 2, 3)), 4)
     assert [(one.name, one.number) for one in again.variants] == [("A", 0), ("C", 2), ("B", 1)]
     assert again.variants[-1].tuning.q == 4
 
@@ -54,7 +46,7 @@ def test_no_more_than_can_be_told_apart_are_pinned_and_that_is_said(state):
     assert len({variant.number for variant in full.variants}) == MAX_VARIANTS
     with pytest.raises(BadSetting, match="at most 8 pinned settings: delete one first"):
         pin(full, 99)
-    assert pin(select_channel("b")(full), 1).variants[0].name == "A"  # the limit is one of each channel
+    assert pin(changes.select_channel("b")(full), 1).variants[0].name == "A"  # the limit is one of each channel
 
 
 def test_using_a_variant_brings_all_of_its_setting_and_ends_the_second_papers_filter(state):
@@ -79,7 +71,7 @@ def test_curves_are_the_filter_at_the_drawn_samples_and_are_computed_once(state)
     assert all(a is b for a, b in zip(first, again, strict=True))
     narrower = choose_samples(tuned.recording, "a", (1.0, 2.0))
     assert [len(curve) for curve in curves.variants(tuned, narrower)] == [len(narrower.indices)] * 2
-    assert curves.variants(select_channel("b")(tuned), shown) == ()
+    assert curves.variants(changes.select_channel("b")(tuned), shown) == ()
 
 
 def test_the_table_holds_what_each_setting_does(state):
@@ -114,7 +106,13 @@ def test_every_chain_is_drawn_shared_saved_and_reopened_bit_for_bit(state):
 
 def test_a_chain_is_pinned_beside_the_kalman_filter_and_used_again(state):
     session = Session(state)
-    gestures = pin_present, use_chain(Chain(5, EURO)), pin_present, use_variant("A"), set_median("3 samples")
+    gestures = (
+        pin_present,
+        use_chain(Chain(5, EURO)),
+        pin_present,
+        use_variant("A"),
+        changes.set_median("3 samples"),
+    )
     for change in gestures:
         session.request(change)
     tuned, _, failures = session.apply_requests()

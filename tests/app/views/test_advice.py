@@ -18,23 +18,17 @@ from kalscope_app.studies.checks import compute_checks
 from kalscope_app.views.checks import label_of, take
 from kalscope_app.views.goal import SEARCH_METHODS
 
-EXAMPLES = {
-    actions.Scale(10.0, 0.5): "Raise q 10 × and lower r 2 ×",
-    actions.Scale(172.0, 1.0): "Raise q 200 ×",  # as the advice words it
-    actions.Scale(5000.0, 0.02): "Raise q 1000 × or more and lower r 50 ×",
-    actions.SetGate(4.0): "Switch the gate on (4 σ)",
-    actions.SetGate(None): "Switch the gate off",
-    actions.EstimateAgain(): "Fit again",
-    actions.AddMomentum(9.0): "Add momentum at this lag",
-    actions.AddTwoSpeeds(): "Add two speeds",
-    actions.AddNotch(): "Add a notch",
-    actions.SetSpikesAside(): "Set the spikes aside and fit again",
-    actions.UseStillStretch(100, 301): "Use the still stretch 1 to 3 s",
-    actions.GiveNoise(): "Give the noise of the sensor",
-    actions.ChooseFilter(): "Choose a lag",
-    actions.UnsetStart(): "Start from the first sample",
-    actions.RecordLonger(): "",
-}
+EXAMPLES = dict[actions.Action, str]([
+    *((actions.Scale(10.0, 0.5), "Raise q 10 × and lower r 2 ×"), (actions.Scale(172.0, 1.0), "Raise q 200 ×")),
+    (actions.Scale(5000.0, 0.02), "Raise q 1000 × or more and lower r 50 ×"),
+    *((actions.SetGate(4.0), "Switch the gate on (4 σ)"), (actions.SetGate(None), "Switch the gate off")),
+    *((actions.EstimateAgain(), "Fit again"), (actions.AddMomentum(9.0), "Add momentum at this lag")),
+    *((actions.AddTwoSpeeds(), "Add two speeds"), (actions.AddNotch(), "Add a notch")),
+    (actions.SetSpikesAside(), "Set the spikes aside and fit again"),
+    *((actions.UseStillStretch(100, 301), "Use the still stretch 1 to 3 s"), (actions.RecordLonger(), "")),
+    *((actions.GiveNoise(), "Give the noise of the sensor"), (actions.ChooseFilter(), "Choose a lag")),
+    (actions.UnsetStart(), "Start from the first sample"),
+])  # fmt: skip
 
 
 @pytest.fixture
