@@ -26,16 +26,10 @@ WRONG = [
 ]
 
 
-@pytest.mark.parametrize(
-    "command",
-    [
-        "filter demo",
-        "tune demo",
-        "open demo",
-        "report demo --config t.toml -o p",
-        "export t.toml --to c --vectors demo",
-    ],
-)
+COMMANDS = "filter demo; tune demo; open demo; report demo --config t -o p; export t --to c --vectors demo"
+
+
+@pytest.mark.parametrize("command", COMMANDS.split("; "))
 def test_every_command_refuses_the_same_wrong_options(capsys, command):
     for option, says in WRONG:
         assert run([*command.split(), option]) == 2

@@ -253,20 +253,15 @@ def test_only_a_recording_that_lies_where_the_table_says_is_opened():
 
 @pytest.mark.parametrize("numbers", [False, True])
 def test_a_series_of_a_data_set_is_opened_again(tmp_path, numbers):
-    g = np.random.default_rng(1)
-    names = [7, 8, 9] if numbers else ["a", "b", "c"]
-    values = {name: np.cumsum(g.normal(size=50 + i)) for i, name in enumerate(names)}
+    names, lengths = [7, 8, 9] if numbers else ["a", "b", "c"], [50, 51, 52]
+    z, time = np.random.default_rng(1).normal(size=153), np.concatenate([np.arange(n) / 10 for n in lengths])
     (tmp_path / "data").mkdir()
-    columns = {
-        "id": np.concatenate([[name] * len(z) for name, z in values.items()]),
-        "time": np.concatenate([np.arange(len(z)) / 10 for z in values.values()]),
-        "value": np.concatenate(list(values.values())),
-    }
-    pq.write_table(pa.table(columns), tmp_path / "data" / "all.parquet", row_group_size=40)
+    table = pa.table({"id": np.repeat(names, lengths), "time": time, "value": z})
+    pq.write_table(table, tmp_path / "data" / "all.parquet", row_group_size=40)
     run_steps(tmp_path / "data", tmp_path / "result")
     fleet = read_fleet(tmp_path / "result")
     assert fleet.devices.ids == [str(name) for name in names]
-    for i, name in enumerate(names):
+    for i, samples in enumerate(np.split(z, [50, 101])):
         recording = reopen(fleet.devices.ids[i], fleet.devices.sources[i], fleet.note)
-        assert np.array_equal(recording.values[:, 0], values[name])
+        assert np.array_equal(recording.values[:, 0], samples)
         assert recording.sample_period == pytest.approx(0.1)

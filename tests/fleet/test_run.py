@@ -6,23 +6,37 @@ What needs no process has workers that do a batch at once, in this process; the 
 from __future__ import annotations
 
 import os
+import random
 import signal
 import subprocess
 import sys
+import tempfile
+import time
 from contextlib import nullcontext
+from pathlib import Path
+from types import SimpleNamespace
 
+import dask.system
 import distributed
+import msgspec
 import psutil
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from tests.fleet.fleet_runs import ANSWER, PLAIN, InProcesses, files_of, kept, run_here, table, write_devices
 from tests.support.forked import Forked
-from tests.support.program import command, next_line
+from tests.support.program import command, end, next_line
 from tests.support.waiting import PATIENCE, wait_until
 
 from kalscope.cli.app import run as kalscope
+from kalscope.cli.fleet import progress_text
+from kalscope.common.stopping import stop_signals
 from kalscope.errors import BadSetting
+from kalscope.estimation.pool import Pool
+from kalscope.estimation.request import Request
 from kalscope.fleet import run, work
-from kalscope.fleet.store import STORE, open_store
+from kalscope.fleet.read import FleetOptions, Piece, Unit
+from kalscope.fleet.store import STORE, Row, open_store, stored
 
 LOST = "lag_loss_samples", "noise_loss_db", "error_growth"
 """What each loses by the filter for all, which is another one where a device is."""
@@ -267,3 +281,114 @@ def test_a_scheduler_that_does_not_answer_is_named(tmp_path, capsys, monkeypatch
     done = run_here(capsys, tmp_path / "logs", "-o", tmp_path / "out", "--cluster", nobody, expect=2)
     assert done.err.startswith(f"kalscope: --cluster must name a scheduler with workers (got '{nobody}'")
     assert done.err.count("\n") == 1
+
+
+# ---- how a run begins, reports and ends on workers
+
+
+STARTING = """
+import signal, subprocess, sys
+from multiprocessing import resource_tracker
+from kalscope.fleet.run import without_interrupts
+shown = "import signal; print(signal.SIGINT in signal.pthread_sigmask(signal.SIG_BLOCK, ()))"
+with without_interrupts():
+    resource_tracker.ensure_running()  # as each process that is started does: it lets the signal through
+    print(subprocess.check_output([sys.executable, "-c", shown], text=True), end="")
+"""
+"""Whether a process that is started meanwhile holds Ctrl+C back."""
+
+
+@pytest.mark.skipif(not hasattr(signal, "pthread_sigmask"), reason="nothing is inherited here")
+def test_ctrl_c_while_workers_start_is_held_back_from_them_and_not_lost():
+    with stop_signals() as stop:
+        with run.without_interrupts():
+            os.kill(os.getpid(), signal.SIGINT)
+        wait_until(stop.is_set, "Ctrl+C")  # another thread of the process may have got it
+    assert subprocess.check_output([sys.executable, "-c", STARTING], text=True) == "True\n"
+    assert signal.SIGINT not in signal.pthread_sigmask(signal.SIG_BLOCK, ())
+
+
+def test_no_more_workers_are_started_than_cores_memory_and_tasks_allow_and_progress_counts_units(monkeypatch):
+    monkeypatch.setattr(dask.system, "CPU_COUNT", 64)
+    for memory, tasks, workers in ((16, 1000, 16), (256, 1000, 64), (256, 3, 3), (0, 9, 1)):
+        monkeypatch.setattr(distributed.system, "MEMORY_LIMIT", memory << 30)
+        assert run.workers_here(tasks) == workers
+    assert progress_text(run.Tally(10, 6, done=1, seconds=2.0)) == "7 of 10 done (70 %), 6 s left"
+    assert progress_text(run.Tally(4, 4)) == "4 of 4 done (100 %)"
+
+
+@pytest.mark.slow
+def test_a_straggling_batch_ends_with_its_slow_file_and_the_rest_is_shared(tmp_path, at_once, capsys, monkeypatch):
+    """Three of nine are done when the time is up; the other six go to two workers, and nothing is done twice."""
+    write_devices(tmp_path / "logs", 9)
+    clock, plain, read = [0.0], work.fit_unit, []
+
+    def slow(unit, asked):
+        read.append(unit.id)
+        clock[0] += 2 * work.MAX_SECONDS if unit.id == "dev0002.csv" else 0.0
+        return plain(unit, asked)
+
+    monkeypatch.setattr(work, "fit_unit", slow)
+    monkeypatch.setattr(work, "time", SimpleNamespace(monotonic=lambda: clock[0], thread_time=time.thread_time))
+    run_here(capsys, tmp_path / "logs", "-o", tmp_path / "out", *PLAIN)
+    (workers,) = at_once
+    assert [list(batch) for batch in workers.batches] == [list(range(9)), [3, 4, 5], [6, 7, 8]]
+    assert read == [row["id"] for row in table(tmp_path / "out")]
+
+
+SCANNING = """
+import os
+import kalscope.fleet.read as find
+below = find._below
+def held(*where):
+    print("looks", flush=True)
+    while True:
+        yield from below(*where)
+find._below = held
+"""
+"""A source that goes on for ever."""
+
+
+def test_a_signal_ends_a_run_that_looks_through_its_source(tmp_path):
+    write_devices(tmp_path / "logs", 2)
+    with command("fleet", tmp_path / "logs", "-o", tmp_path / "out", change=SCANNING) as driver:
+        assert next_line(driver) == "looks\n"
+        assert end(driver, signal.SIGTERM) == (
+            143,
+            "",
+            "kalscope: stopped by SIGTERM: what was done is kept: run the same command again to continue\n",
+        )
+
+
+class Draws:
+    """Workers of which units of `poison` kill one; by chance others are killed, cut short or forgotten."""
+
+    def __init__(self, poison, kills, seed):
+        self.poison, self.kills, self.draw, self.flight = poison, kills, random.Random(seed), []
+
+    def submit(self, batch, _call, units, _options, folder):
+        self.flight.append((batch, [unit.id for unit in units], Path(folder)))
+
+    def ended(self, _timeout):
+        batch, keys, folder = self.flight.pop(self.draw.randrange(len(self.flight)))
+        killer = next((i for i in batch if i in self.poison), self.draw.choice(batch))
+        if killer in self.poison or self.draw.random() < self.kills:
+            work.note_path(folder, keys).write_text(f"{killer}\n")
+            return batch, run.WorkerDied()
+        done = keys[: self.draw.choice([0, *range(1, len(batch) + 1)])]  # 0: the scheduler forgot it
+        return batch, [stored(key, [Row(key, verdict="ok")], Pool.empty()) for key in done]
+
+
+@given(st.integers(0, 60), st.sets(st.integers(0, 59), max_size=4), st.integers(), st.sampled_from([0.0, 0.3]))
+def test_every_unit_is_done_once_or_is_lost_because_it_kills(n, poison, seed, kills):
+    keys, units = [str(i) for i in range(n)], [Unit(str(i), (Piece("x", 1 << 25),)) for i in range(n)]
+    rows, tally = [], run.Tally(n, 0)
+    with tempfile.TemporaryDirectory() as folder:
+        store = SimpleNamespace(folder=Path(folder), keep=rows.extend)
+        run._Run(units, keys, FleetOptions(Request()), store, tally).do(range(n), Draws(poison, kills, seed), None)
+        assert not any(Path(folder).iterdir())
+    verdicts = {one.key: Row(*msgspec.msgpack.decode(one.rows)[0]).verdict for one in rows}
+    lost = {int(key) for key, verdict in verdicts.items() if verdict == "failed"}
+    assert sorted(verdicts, key=int) == keys
+    assert len(rows) == tally.done == n
+    assert kills or lost == poison & set(range(n))
