@@ -9,6 +9,7 @@ from kalscope.sources.samples import list_samples, sample_data_dir
 from kalscope.sources.synthetic import synthesize
 
 
+@pytest.mark.slow
 def test_samples_have_their_title_source_and_bytes_and_the_demo_is_the_first():
     for sample in list_samples():
         recording = open_source(f"sample:{sample.name}")

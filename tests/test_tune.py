@@ -33,6 +33,7 @@ def test_a_series_an_array_and_a_recording_give_the_filter_of_the_dashboard(reco
     assert list(series.to_frame().columns) == ["z", "x", "p"]
 
 
+@pytest.mark.slow
 def test_the_result_is_drawn_saved_and_exported_and_nothing_is_overwritten(recording, tmp_path):
     mpl.use("agg")
     tuned = kalscope.tune(recording, lag_ms=50)

@@ -88,6 +88,7 @@ def test_a_recording_and_lines_go_through_the_chains_of_the_tuning_or_the_given_
     assert capsys.readouterr().out == "0.0\n1.0\n"
 
 
+@pytest.mark.slow
 def test_tune_keeps_the_chains_of_other_channels_and_says_which_one_it_replaces(capsys):
     assert run(["tune", "log.csv", "--channel", "b", "--lag-ms", "50", "-o", "chains.toml"]) == 0
     assert "b: median of 3, then Kalman is replaced by the Kalman filter" in capsys.readouterr().err
@@ -216,6 +217,7 @@ def test_a_saved_fusion_filters_as_it_was_found_and_a_channel_tuned_later_leaves
     assert [one.name for one in again.channels] == ["a", "b", "c"]
 
 
+@pytest.mark.slow
 def test_a_dead_sensor_gives_no_filter_but_words(folder, capsys):
     (folder / "dead.csv").write_text("t,a,b\n" + "".join(f"{i},{math.sin(i) + i % 3},5\n" for i in range(80)))
     assert run(["tune", "dead.csv", "--fuse", "a,b"]) == 0

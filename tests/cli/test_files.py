@@ -70,6 +70,7 @@ def refused(command, name, folder, capsys):
     assert contents(folder) == before
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("command", "name"), [FILTER, REPORT, EXPORT, REPRODUCE, TUNE, RECORD])
 def test_what_exists_stays_as_it_is(folder, capsys, command, name):
     path = folder / name
@@ -83,6 +84,7 @@ def test_what_exists_stays_as_it_is(folder, capsys, command, name):
     refused(command, name, folder, capsys)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("command", "name"), [FILTER, REPORT, EXPORT, REPRODUCE])
 def test_force_overwrites(folder, command, name):
     (folder / name).write_text("mine")
@@ -90,6 +92,7 @@ def test_force_overwrites(folder, command, name):
     assert (folder / name).read_text() != "mine"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("command", "name"), [FILTER, REPORT, EXPORT, REPRODUCE, TUNE])
 def test_a_full_disk_leaves_no_part_of_a_file_and_the_old_one_whole(folder, capsys, command, name):
     """No file may have more than 10 bytes."""

@@ -91,6 +91,7 @@ def test_a_number_outside_its_tolerance_is_status_1_and_one_line(chapters, tmp_p
     assert "Numbers outside their tolerance, of 36" in (folder / "index.html").read_text(encoding="utf-8")
 
 
+@pytest.mark.slow
 def test_the_page_escapes_every_word():
     evil = '<script>alert(1)</script>&"'
     svg = draw_svg([Panel(evil, (Line([0, 1], [0, 1], evil, "s1"),), evil, evil)], evil)

@@ -79,6 +79,7 @@ def test_spikes_are_set_aside_counted_and_gated(folder, capsys):
     assert "--no-robust keeps spikes" in " ".join(text.split())  # heartbeats look like spikes
 
 
+@pytest.mark.slow
 def test_json_has_what_the_library_finds_and_the_file_holds_it(folder, capsys):
     found = tuned(capsys, "log.csv", "-o", "tuning.toml")
     recording = read_recording("log.csv")
@@ -226,6 +227,7 @@ def test_how_the_file_was_read_comes_first_and_whole_in_json(folder, capsys):
     assert (reading["issues"][0]["text"], len(reading["warnings"])) == ("battery low", 1)
 
 
+@pytest.mark.slow
 def test_a_reading_that_failed_is_named_before_a_sensor_that_is_stuck(capsys):
     text = page(capsys, "lost.csv")
     assert text.startswith("lost.csv: 60 rows, 1 channel, 1.00 Hz; 257 lines rejected: must have 2 fields\n")
@@ -234,12 +236,14 @@ def test_a_reading_that_failed_is_named_before_a_sensor_that_is_stuck(capsys):
     assert "kalscope: 81 % of the lines were rejected, the first is line 62" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")  # as main() has it
 def test_the_largest_numbers_get_an_answer_in_words(folder, capsys):
     (folder / "log.csv").write_text("".join(f"{(-1) ** i * 1e308}\n" for i in range(300)))
     assert "outside 1e-300 to 1e300" in page(capsys, "log.csv", "--details")
 
 
+@pytest.mark.slow
 def test_stdin_is_read_to_its_end_as_a_file(folder, capsys, monkeypatch):
     file = tuned(capsys, "log.csv", "--lag-ms", "50")
     monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO((folder / "log.csv").read_bytes())))

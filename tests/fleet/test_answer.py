@@ -101,6 +101,7 @@ def test_a_goal_holds_for_the_filter_of_all(fleet):
     assert given.q / given.r == 0.5
 
 
+@pytest.mark.slow
 def test_a_fleet_without_a_filter_says_why(tmp_path):
     constant = np.ones((3, 100))
     answer = answered(devices_of(constant), pool_of(series_of(constant)))
@@ -118,6 +119,7 @@ def test_a_fleet_without_a_filter_says_why(tmp_path):
     assert refusal == "q and r of all must both be above 0 (got r = 0): a goal such as --lag-ms 50 gives both"
 
 
+@pytest.mark.slow
 def test_rates_that_differ_by_a_clock_are_not_unlike():
     devices = devices_of(np.random.default_rng(2).normal(size=(20, 50)).cumsum(axis=1))
     rates = np.full(20, 100.0)
@@ -193,6 +195,7 @@ WRONG = [
 ]
 
 
+@pytest.mark.slow
 def test_an_answer_of_somebody_else_or_none_yet_is_refused_with_one_line(own):
     plain = json.loads((own / SUMMARY).read_text())
     for wrong in WRONG:
@@ -209,6 +212,7 @@ def test_an_answer_of_somebody_else_or_none_yet_is_refused_with_one_line(own):
         read_fleet(own)
 
 
+@pytest.mark.slow
 def test_tables_of_somebody_else_are_refused_with_one_line(own):
     table = pq.read_table(own / TABLE)
     n = len(table)
@@ -229,6 +233,7 @@ def test_tables_of_somebody_else_are_refused_with_one_line(own):
         assert "\n" not in str(refused.value)
 
 
+@pytest.mark.slow
 def test_numbers_that_cannot_be_are_left_out(own):
     table = pq.read_table(own / TABLE)
     wrong = [-1.0, math.inf, math.nan, 1e308, None, 0.0] + [1.0] * (len(table) - 6)
@@ -251,6 +256,7 @@ def test_only_a_recording_that_lies_where_the_table_says_is_opened():
         assert "\n" not in str(refused.value)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("numbers", [False, True])
 def test_a_series_of_a_data_set_is_opened_again(tmp_path, numbers):
     names, lengths = [7, 8, 9] if numbers else ["a", "b", "c"], [50, 51, 52]

@@ -25,7 +25,8 @@ def rows_of(key, n=2):
     return rows, pool_of(series_of(np.random.default_rng(list(key.encode())).normal(size=(n, 20))))
 
 
-@pytest.mark.parametrize("seed", range(3 * FUZZ))
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(2 * FUZZ))
 def test_the_table_is_the_same_in_whatever_order_units_were_stored(tmp_path, seed):
     draw = random.Random(seed)
     keys = [f"k{i}" for i in range(40)]
