@@ -40,17 +40,6 @@ def test_one_sensor_is_estimated_as_estimate_does(momentum):
     assert found.loglik == pytest.approx(one.loglik, rel=1e-9)
 
 
-@pytest.mark.parametrize("factor", [1e-6, -3.0])
-def test_another_unit_and_another_order_of_the_sensors_change_the_numbers_only(factor):
-    z, order = record(missing=0.2), [2, 0, 1]
-    one, other = estimate_fusion(z, **PLAIN), estimate_fusion(z[:, order] * factor, **PLAIN)
-    for name, power in (("r", 2), ("r_interval", 2), ("offset", 1)):
-        expected = getattr(one, name)[order] * factor**power
-        assert getattr(other, name) == pytest.approx(expected, rel=2e-3 if "interval" in name else 1e-6)
-    assert (other.q, other.q_interval) == (
-        pytest.approx(one.q * factor**2, rel=1e-6),
-        pytest.approx(np.multiply(one.q_interval, factor**2), rel=2e-3),
-    )
 
 
 def test_a_reference_is_right_and_without_one_the_offsets_add_up_to_nothing():

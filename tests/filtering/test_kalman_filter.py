@@ -133,21 +133,6 @@ def test_a_start_variance_far_above_r_is_the_unknown_start():
 # --- momentum -----------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("unit", "pace"), [(8.0, 1.0), (1.0, 4.0), (0.5, 0.25)])
-@pytest.mark.parametrize("function", [kalman_filter, smooth])
-def test_another_unit_of_the_signal_or_of_time_is_the_same_filter(unit, pace, function):
-    """Powers of two, which cost no digit."""
-    rng = np.random.default_rng(1)
-    z, dt = noisy_walk(600, missing=0.05), rng.choice([0.0, 0.5, 1.0, 1.0, 3.0], 600)
-    params = FilterParams(0.05, 1.0, p0=0.5, x0=2.0, momentum=20.0)
-    scaled = FilterParams(0.05 * unit**2 / pace, unit**2, 0.5 * unit**2, 2.0 * unit, momentum=20.0 * pace)
-    before, after = function(z, params, dt), function(unit * z, scaled, pace * dt)
-    np.testing.assert_array_equal(after.x, unit * before.x)
-    np.testing.assert_array_equal(after.p, unit**2 * before.p)
-    np.testing.assert_array_equal(after.velocity, unit / pace * before.velocity)
-    np.testing.assert_array_equal(after.velocity_p, (unit / pace) ** 2 * before.velocity_p)
-
-
 # --- several sensors ----------------------------------------------------------------------------------
 
 
