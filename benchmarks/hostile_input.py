@@ -189,10 +189,10 @@ class HostileFiles:
         self._tally.done["uploaded"] += 1
 
     def _is_shown_within(self, seconds: float, uuid: str) -> bool:
-        end = time.monotonic() + seconds
-        while (left := end - time.monotonic()) > 0 and not self._guest.visible.get(uuid, False):
+        end, shown = time.monotonic() + seconds, self._guest.widgets[uuid]["props"]
+        while (left := end - time.monotonic()) > 0 and not shown["visible"]:
             self._guest.read(timeout=left)
-        return self._guest.visible.get(uuid, False)
+        return shown["visible"]
 
 
 class HostileBoards:
