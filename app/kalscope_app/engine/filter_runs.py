@@ -83,6 +83,9 @@ MAX_LIVE_POINTS = 2000
 DENSE = 2000
 """Samples in the window from which a raw line is drawn as a band: about two to each pixel of a wide chart."""
 
+GAP = 0.01
+"""Share of the window from which a gap in time can be seen."""
+
 REACH = 2
 """Drawn points to each side whose lowest and highest value the band holds: about one pixel."""
 
@@ -145,7 +148,12 @@ def choose_samples(
     truth = None if recording.truth is None else recording.truth[:, column]
     values = recording.values[first:last, [column, *columns]] if others else z[first:last]
     at = first + choose_indices(values, None if truth is None or others else truth[first:last], limit)
-    dense = last - first > DENSE and not missing and not others
+    inside = clock[
+        first:last
+    ]  # across a gap in time that can be seen a band would show readings where there are none
+    dense = last - first > DENSE and not (
+        missing or others or np.diff(inside).max() > GAP * (inside[-1] - inside[0])
+    )
     return DrawnSamples(
         first=first,
         last=last,

@@ -179,7 +179,7 @@ def settings_text(state: State) -> str:
         for name, one in settings.items()
     )
     table = table_of([dict(zip(heads, row, strict=True)) for row in cells])
-    return f"Hardly any noise to remove without losing movement. Choose a goal, such as light smoothing:\n\n{table}"
+    return f"Hardly any noise to remove without losing movement. Choose a smoothing as the goal:\n\n{table}"
 
 
 # What the last search gave, in a sentence below Apply: what the filter costs, and what has changed.

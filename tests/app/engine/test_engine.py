@@ -159,6 +159,8 @@ def test_a_dense_line_is_a_band_that_holds_every_sample_about_it(n):
     assert (low <= lowest).all()
     assert (highest <= high).all()
     assert (low.min(), high.max()) == (z.min(), z.max())
+    late = replace(rec, time=np.where(np.arange(n) < 1000, rec.time, rec.time + 0.02 * rec.time[-1]))
+    assert choose_samples(late, "z", None).band is None  # it would show readings in the gap
 
 
 def test_the_chart_marks_the_samples_that_the_gate_rejected_as_often_as_all_count_them():
