@@ -18,6 +18,7 @@ from tests.support.waiting import PATIENCE
 from kalscope.catalogue import open_source
 from kalscope.cli.app import run
 from kalscope.cli.filter import MAX_LINE_BYTES
+from kalscope.common.text import CONTROL
 from kalscope.estimation.request import Noise, Request, find_parameters
 from kalscope.filtering.filter import KalmanFilter, kalman_filter
 from kalscope.filtering.params import FilterParams
@@ -160,15 +161,17 @@ def piped(data, monkeypatch, capsys):
 
 
 def test_unreadable_lines_are_missing_samples_answered_by_an_empty_line(monkeypatch, capsys):
-    out, err = piped(b"1\nboot\n2,3\n\xff\xfe\n1_0\ninf\n\nnan\n0x1F\n# q 0.1\n 5 \r\n6", monkeypatch, capsys)
+    lines = b"1\n\x1b[2Jboot\n2,3\n\xff\xfe\n1_0\ninf\n\nnan\n0x1F\n# q 0.1\n 5 \r\n6"
+    out, err = piped(lines, monkeypatch, capsys)
     x = kalman_filter([1, *[np.nan] * 8, 5, 6], FilterParams(1.0, 1.0)).x.tolist()
     assert out.split("\n") == ["1.0", *[""] * 9, repr(x[9]), repr(x[10]), ""]
     bad = [line.split(" must")[0] for line in err.splitlines()]
     assert bad == [f"kalscope: line {n}" for n in (2, 3, 4, 5, 6, 9)]
+    assert not CONTROL.search(err)
 
 
 def test_a_line_without_end_is_one_unreadable_line(monkeypatch, capsys):
-    out, err = piped(b"1\n" + b"1," * (MAX_LINE_BYTES * 2) + b"1\n3\n", monkeypatch, capsys)
+    out, err = piped(b"1\n1." + b"0" * MAX_LINE_BYTES * 2 + b"\n3\n", monkeypatch, capsys)
     assert out == f"1.0\n\n{kalman_filter([1.0, np.nan, 3.0], FilterParams(1.0, 1.0)).x.tolist()[2]!r}\n"
     assert err.startswith("kalscope: line 2 must hold")
     assert len(err) < 300

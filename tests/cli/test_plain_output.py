@@ -52,15 +52,6 @@ def test_what_a_board_sends_is_plain(tmp_path, capsys):
     assert not CONTROL.search(said)
 
 
-def test_lines_from_standard_input_are_quoted_plain(tmp_path, capsys, monkeypatch):
-    lines = f"a,b\n1,2\n{HOSTILE}\n3,{HOSTILE}\n{HOSTILE * 1000}\n4,5\n"
-    monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(lines.encode())))
-    run(["filter", "-", "--q", "0.1", "--r", "1"])
-    said = "".join(capsys.readouterr())
-    assert "must hold" in said
-    assert not CONTROL.search(said)
-
-
 def test_tracebacks_and_warnings_are_plain(capsys, monkeypatch):
     """What only a bug of the program or of a library shows: it may quote anything."""
     for owner, name in ((sys, "excepthook"), (threading, "excepthook"), (warnings, "formatwarning")):

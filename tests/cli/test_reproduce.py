@@ -15,10 +15,9 @@ from tests.support.hostile_names import TERMINAL
 from tests.support.html_page import Page
 
 from kalscope.cli.app import run
-from kalscope.common.charts import Line, Panel, draw_svg, markup_of_table
+from kalscope.common.charts import Line, Panel, draw_svg
 from kalscope.common.text import CONTROL
 from kalscope.papers import reproduction
-from kalscope.papers.document import Block, Chapter, Check, page
 
 
 @pytest.fixture(scope="module")
@@ -89,17 +88,6 @@ def test_a_number_outside_its_tolerance_is_status_1_and_one_line(chapters, tmp_p
     assert "26.0677" in out
     assert not json.loads((folder / "results.json").read_text(encoding="utf-8"))["passed"]
     assert "Numbers outside their tolerance, of 36" in (folder / "index.html").read_text(encoding="utf-8")
-
-
-@pytest.mark.slow
-def test_the_page_escapes_every_word():
-    evil = '<script>alert(1)</script>&"'
-    svg = draw_svg([Panel(evil, (Line([0, 1], [0, 1], evil, "s1"),), evil, evil)], evil)
-    ElementTree.fromstring(svg)
-    blocks = [Block("name", evil, body, evil, evil, ()) for body in (svg, markup_of_table((evil,), ((evil,),)))]
-    html = page([Chapter("key", evil, evil, (evil,), tuple(blocks), (Check(evil, 9.0, 1.0, 0.1),))], evil)
-    assert "<script" not in html
-    assert Page(html).open == []
 
 
 @pytest.mark.slow
