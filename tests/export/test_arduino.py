@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from tests.support.effort import FUZZ
-from tests.support.float32_by_hand import ByHand
+from tests.support.textbook import ByHand
 
 from kalscope import BadSetting, ChannelTuning, FilterParams, Tuning, steady_state
 from kalscope.export.float32 import filter_float32, float32_params, float32_text

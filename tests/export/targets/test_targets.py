@@ -18,6 +18,7 @@ import numpy as np
 import pytest
 from tests.support.exported_program import FUSED, build, in_c, in_cpp, program, spiky
 from tests.support.required import node
+from tests.support.textbook import ByHand
 from tests.support.waiting import PATIENCE
 
 from kalscope import BadSetting, ChannelTuning, Recording, Tuning, export_tuning, kalman_filter, steady_state
@@ -28,38 +29,9 @@ from kalscope.export.registry import MAX_ROWS, vector_files
 from kalscope.export.targets import arduino
 from kalscope.filtering.classic import Butterworth, Chain, Exponential, Median, MovingAverage, Notch, OneEuro
 from kalscope.filtering.kernels import transition
+from kalscope.filtering.steady import step_constants
 
 ROWS = 400
-
-
-def textbook(channel, z):
-    """x and k after each sample: the five lines, a missing sample, the three starts and the gate.
-
-    A second state is the velocity v, whose variance is w and its covariance with x is g: without momentum all 0.
-    """
-    e, f, q11, q12, q22, w = 0.0, 0.0, channel.q, 0.0, 0.0, 0.0
-    if channel.momentum:
-        e, f, q11, q12, q22 = transition(1.0, channel.q, channel.momentum)
-        w = 0.5 * channel.q / channel.momentum
-    x, v = (math.nan if channel.x0 is None else channel.x0), 0.0
-    p, g = (math.inf if channel.p0 is None else channel.p0), 0.0
-    refused, answers = 0, []
-    for sample in z:
-        x, v = x + f * v, e * v
-        p, g, w = p + f * (2.0 * g + f * w) + q11, e * (g + f * w) + q12, e * e * w + q22
-        k, s = 0.0, p + channel.r
-        if math.isnan(sample):
-            pass
-        elif math.isinf(p):
-            x, p, g, k, refused = sample, channel.r, 0.0, 1.0, 0
-        elif channel.gate is not None and (sample - x) * (sample - x) > channel.gate * s and refused < 5:
-            refused += 1
-        else:
-            k, ell = p / s, g / s
-            x, v = (sample, v) if math.isnan(x) else (x + k * (sample - x), v + ell * (sample - x))
-            p, g, w, refused = k * channel.r, ell * channel.r, w - ell * g, 0
-        answers.append((x, k))
-    return np.array(answers)
 
 
 def noisy(seed, level=0.0, sigma=1.0):
@@ -139,10 +111,13 @@ def either(request):
 
 def test_our_filter_answers_as_the_textbook_bit_for_bit(either):
     """That of two speeds is in tests/filtering/test_two_speeds.py."""
-    for i, channel in enumerate(either.tuning.channels):
-        if channel.fast is None:
-            expected = textbook(channel, either.recording.values[:, i])
-            np.testing.assert_array_equal(either.answers[:, i], expected, err_msg=channel.name)
+    for i, one in enumerate(either.tuning.channels):
+        if one.fast is None:
+            start = {"p0": math.inf if one.p0 is None else one.p0, "x0": math.nan if one.x0 is None else one.x0}
+            constants = step_constants(one.q, one.momentum)
+            by_hand = ByHand(SimpleNamespace(r=one.r, gate=one.gate or 0.0, momentum=constants, **start), float)
+            answers = [(by_hand.update(z), by_hand.k) for z in either.recording.values[:, i]]
+            np.testing.assert_array_equal(answers, either.answers[:, i], err_msg=one.name)
 
 
 def run(*command, stdin="", cwd=None):
