@@ -291,6 +291,7 @@ TAKEN = {
     "a tick for a number": (0.5, True, None, None, None),
     "an endless text": ("a", "x" * (message_filter.MAX_TEXT + 1), None, None, None),
     "one thumb too many": ((0.0, 1.0), [0.1, 0.2, 0.3], None, None, None),
+    "one number for two thumbs": ((0.0, 1.0), 0.5, None, None, None),
     "a widget of unknown kind": (object(), 1, None, None, None),
 }
 
