@@ -1,5 +1,9 @@
+"""Made signals and sample data: what was asked for, the same each time."""
+
+import importlib.util
 import math
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -8,6 +12,7 @@ from hypothesis import strategies as st
 
 from kalscope.catalogue import open_source
 from kalscope.errors import BadSetting
+from kalscope.sources.samples import list_samples, sample_data_dir
 from kalscope.sources.synthetic import NOISES, SHAPES, SignalSettings, synthesize
 
 
@@ -106,3 +111,40 @@ def test_every_valid_setting_gives_finite_numbers_and_reopens_from_its_source(ch
     again = open_source(recording.source)
     assert again.source == recording.source
     np.testing.assert_array_equal(again.values, recording.values)
+
+
+FOLDER = Path(__file__).parents[2] / "sample_data"
+NAMES = sorted(path.stem for path in FOLDER.glob("*.csv"))
+
+
+def _maker():
+    spec = importlib.util.spec_from_file_location("make", FOLDER / "make.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.mark.slow
+def test_the_script_makes_every_sample_again_bit_for_bit(tmp_path):
+    maker = _maker()
+    maker.make(tmp_path)
+    made = {path.stem: path.read_bytes() for path in tmp_path.iterdir()}
+    assert sorted(made) == sorted(set(NAMES) - {"nile"})
+    for name, content in made.items():
+        assert content == (FOLDER / f"{name}.csv").read_bytes(), name
+
+
+def test_the_list_is_the_folder():
+    assert sample_data_dir() == FOLDER
+    assert sorted(sample.name for sample in list_samples()) == NAMES
+    assert len(NAMES) >= 6
+
+
+def test_nile_is_the_published_series():
+    recording = open_source("sample:nile")
+    volume = recording.channel("volume")
+    # Durbin and Koopman (2012): 100 years from 1871; statistics of the series as R prints them.
+    assert (len(volume), volume[0], volume[-1], volume.min(), volume.max()) == (100, 1120, 740, 456, 1370)
+    assert volume.mean() == pytest.approx(919.35)
+    assert volume.std(ddof=1) == pytest.approx(169.227501)
+    assert recording.units == ("1e8 m3",)

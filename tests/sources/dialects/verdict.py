@@ -12,8 +12,7 @@ from random import Random
 from typing import Any
 
 import numpy as np
-from tests.sources.dialects.labelled import make_labelled
-from tests.sources.dialects.tables import Case, make_table
+from tests.sources.dialects.tables import Case, make_labelled, make_table
 
 from kalscope.errors import KalscopeError
 from kalscope.recording import Recording

@@ -1,21 +1,29 @@
 """Damaged files and logs in random dialects, always the same ones: nothing is invented, nothing is lost.
 
-100 files and 50 logs in the ordinary run; `make soak` reads thousands. `make_case(seed)` writes a log again."""
+100 files and 50 logs in the ordinary run; `make soak` reads thousands. `make_case(seed)` writes a log again.
+"""
 
 import codecs
 import random
 import re
+import threading
+import time
+from contextlib import suppress
+from itertools import product
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 from tests.sources.both_ways import assert_same_by_line
 from tests.sources.dialects.verdict import judge, make_case
 from tests.support.effort import FUZZ
 
-from kalscope.errors import KalscopeError
+from kalscope.errors import BadFile, Cancelled, KalscopeError
+from kalscope.sources.reading import rows as csv_rows
 from kalscope.sources.reading.line_parser import LineParser
+from kalscope.sources.reading.line_reader import LineReader
+from kalscope.sources.reading.recording_file import read_recording
 
 
 def decoded(data):
@@ -135,3 +143,88 @@ def test_a_log_in_any_dialect_is_read_exactly_or_not_at_all(tmp_path):
     odd = [f"seed {seed}: {verdict}: {why[:120]}" for seed, (verdict, why) in found.items() if verdict != "exact"]
     assert not [line for line in odd if ": wrong: " in line], odd
     assert len(odd) <= 0.01 * len(found), odd
+
+
+LINES = st.lists(st.text('0123456789+-.eE,;|\t nai_x"*#', max_size=20), min_size=1, max_size=4)
+
+
+@given(LINES, st.integers(1, 4), st.sampled_from([d + m for d in ",;\t| " for m in ".," if d != m]))
+@example(["1,2,NA", "1,2,1e999", "1,2,1_0", "1,2,\x1c3", "", ",,", '1,"2",3'], 3, ",.")
+@example(["1.5,-2e-3,+.5", "1, 2 ,3", "1,,", "1,-NaN,3,", "1,2,3,4", "1,2,3,,"], 3, ",.")
+def test_whatever_a_line_holds_is_the_same_to_both(tmp_path_factory, lines, width, marks):
+    path, (delimiter, decimal) = tmp_path_factory.getbasetemp() / "lines.csv", marks
+    plain = delimiter.join([f"{i}{decimal}25" for i in range(width)])
+    path.write_text("\n".join([*[plain] * 9, *lines, *[plain] * 9, ""]))
+    assert_same_by_line(path)
+
+
+digits = (st.integers(2**53, 10**18) | st.integers(0, 10**25)).map(str)
+tens = st.one_of(st.just(""), st.integers(-75, 75).map("e{}".format))
+
+
+@given(st.sampled_from(["", "-", "+"]), digits, st.integers(0, 30), tens)
+@example("", "9007199254740993", 0, "")  # between two float64, to the even one
+@example("", "9007199254740995", 3, "")  # not the quotient of the nearest float64
+@example("", "5", 0, "e-324")
+@example("", "179769313486231580793728971405301", 0, "e60")
+@example("-", "0", 3, "")
+def test_every_number_is_the_nearest_float(tmp_path_factory, sign, whole, places, exponent):
+    whole = whole.rjust(places + 1, "0")
+    text = sign + (f"{whole[:-places]}.{whole[-places:]}" if places else whole) + exponent
+    path = tmp_path_factory.getbasetemp() / "number.csv"
+    path.write_text(f"a;b\n1.5;2\n2.5;3\n{text};1\n")
+    number = float(text)
+    np.testing.assert_equal(assert_same_by_line(path).channel("a")[-1], np.nan if np.isinf(number) else number)
+
+
+def test_thousands_of_lines_in_many_blocks_are_the_same_to_both(tmp_path, monkeypatch):
+    by_line, read_line = [], LineReader.read
+    monkeypatch.setattr(LineReader, "read", lambda self, *line: by_line.append(line) or read_line(self, *line))
+    monkeypatch.setattr(csv_rows, "BLOCK_SIZE", 1 << 14)
+    rng = np.random.default_rng(3)
+    lines = [f"{i / 1000:.3f},{x:.6f},{y:.6f}\n" for i, (x, y) in enumerate(rng.normal(size=(8_000, 2)))]
+    for i in rng.choice(len(lines), 100, replace=False):
+        lines[i] = rng.choice(["\n", "x,1,2\n", "1,2\n", "5,1,2,3\n", "6,ERR,1\n", "# c\n", "7,,\n"])
+    path = tmp_path / "log.csv"
+    path.write_text("t,a,b\n" + "".join(lines))
+    with monkeypatch.context() as patch:
+        patch.setattr(csv_rows, "MAX_BYTES_BY_LINE", 0)
+        read_recording(path)
+    assert 0 < len(by_line) < 100
+    assert_same_by_line(path)
+
+
+def test_progress_rises_to_the_end_and_a_cancelled_reading_leaves_no_thread(tmp_path):
+    path = tmp_path / "log.csv"
+    path.write_text("t,a\n" + "".join(f"{i / 100:.2f},{i % 977}.25\n" for i in range(400_000)))
+    done, before, asked = [], threading.active_count(), iter([False, False])
+    read_recording(path, progress=lambda fraction, _: done.append(fraction))
+    assert len(done) > 3
+    assert [0, *done, 1] == sorted([0, *done, 1])
+    with pytest.raises(Cancelled, match="cancelled"):
+        read_recording(path, cancelled=lambda: next(asked, True))
+    assert threading.active_count() == before
+
+
+HEADS = {
+    "a table": [f"{0.01 * i:.2f},{20 + i % 7},{i % 5}.5" for i in range(60)],
+    "labels": [f"a:{i},b:{i}.5" for i in range(60)],
+    "blank labels": [f'{{" ": {i}, "a": {i}.5}}' for i in range(60)],
+}
+LEADS = ("", "# unit ", "a:", "1,2,", "2024-01-01 ")
+RUNS = (*' 1.,:-"a=(/e\t', "1 ", "1,", "a:1 ", "a:", "1.", ' "', "[]")
+SIZE, MAX_SECONDS = 20_000, 0.5
+"""Letters of the line, and what the processor may take for its file: it takes 0.03 s or less."""
+
+
+@pytest.mark.parametrize("head", HEADS)
+@pytest.mark.parametrize("place", [0, 30])
+def test_a_file_with_a_line_of_20_kb_is_soon_read_or_refused(read, head, place):
+    rows = HEADS[head]
+    assert len(read("\n".join([*rows, ""]))) == len(rows)
+    for lead, run in product(LEADS, RUNS):
+        line = lead + run * (SIZE // len(run)) + "x"
+        start = time.thread_time()
+        with suppress(BadFile):
+            assert len(read("\n".join([*rows[:place], line, *rows[place:], ""]))) >= len(rows)
+        assert time.thread_time() - start < MAX_SECONDS, (lead, run)

@@ -1,6 +1,7 @@
-"""What a file holds: bytes, encodings, lines, the order of its rows; what is none is refused by name."""
+"""What a file holds: bytes, lines, the order of its rows, one value a row, codes for missing samples."""
 
 import itertools
+import json
 import math
 from datetime import datetime, timedelta
 from unittest.mock import Mock
@@ -16,7 +17,7 @@ from kalscope.common.progress import Progress
 from kalscope.errors import BadFile, BadSetting, Cancelled, NoMemory
 from kalscope.sources.reading import recording_file, text_file
 from kalscope.sources.reading import rows as csv_rows
-from kalscope.sources.reading.recording_file import read_recording
+from kalscope.sources.reading.recording_file import read_recording, suggest_missing
 from kalscope.sources.reading.text_file import open_raw
 
 
@@ -211,3 +212,136 @@ def test_an_endless_line_costs_its_beginning_and_nothing_else(read, monkeypatch,
     assert np.count_nonzero(np.isfinite(recording.channel("x"))) == 600 + (middle == b"1.5")
     report = recording.report
     assert report.rejected + report.bad_cells == (middle != b"1.5")
+
+
+X = np.round(np.random.default_rng(2).normal(20, 1, 30), 3)
+
+
+def stamp(i, step=10, fraction=""):
+    s = i * step
+    return f"2024-05-01T{s // 3600:02}:{s // 60 % 60:02}:{s % 60:02}{fraction}Z"
+
+
+def test_the_history_of_home_assistant(read):
+    rows = [f"sensor.kitchen,{x},{stamp(i, 10, '.250')}" for i, x in enumerate(X)]
+    rows[7] = f"sensor.kitchen,unavailable,{stamp(7, 10, '.250')}"
+    rows += [f"sensor.hall,{x},{stamp(i, 37)}" for i, x in enumerate(X[:20])]
+    rows += [f"light.hall,{'on' if i % 2 else 'off'},{stamp(i, 60)}" for i in range(6)]
+    text = "entity_id,state,last_changed\n" + "\n".join(rows) + "\n"
+    recording = read(text)
+    assert (recording.names, recording.sample_period) == (("sensor.kitchen",), 10.0)
+    np.testing.assert_array_equal(recording.values[:, 0], np.where(np.arange(30) == 7, np.nan, X))
+    report = recording.report
+    assert all(said in " ".join(report.notes) for said in ('"sensor.hall" (20 × 1)', "light.hall"))
+    assert report.lines == text.count("\n") == report.rows + report.headers
+    np.testing.assert_array_equal(read(text, part="sensor.hall").values[:, 0], X[:20])
+    with pytest.raises(BadSetting, match=r"sensor\.kitchen"):
+        read(text, part="sensor.cellar")
+
+
+def test_annotated_csv_of_influxdb(read):
+    lines = [
+        "#group,false,false,true,true,false,false,true,true,true",
+        "#datatype,string,long,dateTime:RFC3339,dateTime:RFC3339,dateTime:RFC3339,double,string,string,string",
+        "#default,mean,,,,,,,,",
+        ",result,table,_start,_stop,_time,_value,_field,_measurement,room",
+    ]
+    for table, (field, scale) in enumerate([("humidity", 2), ("temperature", 1)]):
+        row = f",,{table},{stamp(0)},{stamp(400)},{{}},{{:.3f}},{field},air,kitchen"
+        lines += [*(row.format(stamp(i), x * scale) for i, x in enumerate(X)), ""]
+    recording = read("\n".join(lines) + "\n")
+    assert (recording.names, recording.sample_period) == (("humidity", "temperature"), 10.0)
+    np.testing.assert_allclose(recording.values, np.column_stack([2 * X, X]), atol=1e-9)
+
+
+def test_time_name_value_and_unit(read):
+    rows = [f"{i * 0.5};{name};{x};{unit}" for i, x in enumerate(X) for name, unit in (("T", "°C"), ("p", "hPa"))]
+    recording = read("time;sensor;value;unit\n" + "\n".join(rows) + "\n")
+    assert (recording.names, recording.units, recording.sample_period) == (("T", "p"), ("°C", "hPa"), 0.5)
+    np.testing.assert_array_equal(recording.values, np.column_stack([X, X]))
+    del rows[9]  # p misses a stamp
+    values = read("time;sensor;value;unit\n" + "\n".join(rows) + "\n").values
+    assert np.argwhere(np.isnan(values)).tolist() == [[4, 1]]
+
+
+def test_the_answer_of_thingsboard(read):
+    series = [{"ts": 1_700_000_000_000 + 5000 * i, "value": str(x)} for i, x in enumerate(X)]
+    for part in (None, "h"):
+        recording = read(json.dumps({"t": series, "h": series}), "log.json", part=part)
+        assert (recording.names, recording.sample_period) == (("t", "h"), 5.0)
+
+
+@pytest.mark.parametrize("text", [
+    "time,value,status\n" + "".join(f"{i},{x},{'ok' if i % 3 else 'low'}\n" for i, x in enumerate(X)),
+    "time,sensor,temp,hum\n" + "".join(f"{i},kitchen,{x},{x}\n" for i, x in enumerate(X)),
+    "time,name,value,other\n" + "".join(f"{i},a,{x},{x}\n" for i, x in enumerate(X)),
+    "time,name,value\n" + "".join(f"{i},run{i},{x}\n" for i, x in enumerate(X)),
+])  # fmt: skip
+def test_a_table_with_text_beside_its_values_is_no_long_one(read, text):
+    recording = read(text)
+    assert len(recording) == len(X)
+    assert recording.names[0] in ("value", "temp")
+
+
+N = 3000
+RNG = np.random.default_rng(5)
+WALK = 20.0 + np.cumsum(RNG.normal(0.0, 0.05, N))
+ROWS = np.arange(N)
+
+
+def asked(*channels):
+    values = np.column_stack([np.asarray(channel, dtype=float) for channel in channels])
+    names = [f"c{i}" for i in range(values.shape[1])]
+    questions = suggest_missing(values, names, (np.nanmin(values, axis=0), np.nanmax(values, axis=0)))
+    return [float(question.split()[1]) for question in questions]
+
+
+def at_moments(signal, code, every=97, long=1):
+    return np.where(ROWS % every < long, code, signal)
+
+
+SURE = [-999.0, -9999.9, 9999.0, 999.9, -888.0, -200.0, -127.0, 85.0, -7999.0, 32767.0, -32768.0, 65535.0, 1e30]
+
+
+@pytest.mark.parametrize("code", SURE)
+@pytest.mark.parametrize("long", [1, 60])
+def test_a_code_is_asked_about_however_long_it_lasts(code, long):
+    assert asked(at_moments(WALK, code, long=long)) == [code]
+
+
+@pytest.mark.parametrize("code", [0.0, -1.0, 400.0, 20000.0, 255.0])
+def test_a_number_that_may_be_a_reading_is_one_unless_it_comes_for_moments(code):
+    far = np.where(code == 0.0, 300.0, 50.0) + WALK
+    assert asked(at_moments(far, code)) == [code]
+    assert asked(at_moments(far, code, long=30)) == []
+
+
+LIGHT = np.maximum(0.0, 900.0 * np.sin(ROWS / 200))
+STATES = {
+    "no light at night": LIGHT,
+    "a motor that stands still": np.where(ROWS // 250 % 2, 563.0 + RNG.normal(0.0, 2.0, N), 0.0),
+    "a motor at half duty": np.where(ROWS % 2, 563.0 + RNG.normal(0.0, 2.0, N), 0.0),
+    "a signal that is cut off": np.clip(40.0 * np.sin(ROWS / 30), -20.0, 30.0),
+    "a range of the converter": np.clip(np.rint(600.0 + 30.0 * WALK), 0.0, 1023.0),
+    "a percentage": np.clip(60.0 + 60.0 * np.sin(ROWS / 90), 0.0, 100.0),
+    "a switch": ROWS % 2,
+    "a step that stays": np.where(ROWS > 2000, 400.0, WALK),
+    "a step of a reference": np.where(ROWS // 60 % 7 == 3, 200.0, WALK),
+    **{f"{code}, which is no code": at_moments(WALK, code) for code in (10.5, 563.0, -12.25, 71.3, 1234.0)},
+    "once is chance": np.where(ROWS == 77, -999.0, WALK),
+}
+
+
+@pytest.mark.parametrize("signal", STATES.values(), ids=STATES)
+def test_states_and_readings_raise_no_question(signal):
+    assert asked(signal) == []
+
+
+def test_a_code_of_several_channels_is_one_question_and_missing_samples_around_it_do_not_matter():
+    values = np.column_stack([at_moments(WALK, -999.0), at_moments(WALK[::-1], -999.0), WALK])
+    (question,) = suggest_missing(values, ["a", "b", "c"], (values.min(axis=0), values.max(axis=0)))
+    assert 'times in "a", "b", far from' in question
+    assert question.endswith("--missing -999")
+    assert asked(np.where(RNG.random(N) < 0.05, np.nan, at_moments(WALK, 400.0))) == [400.0]
+    assert asked(np.full(N, -999.0)) == []
+    assert suggest_missing(np.full((5, 1), np.nan), ["a"], (np.array([np.nan]),) * 2) == []
