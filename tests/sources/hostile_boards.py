@@ -104,13 +104,12 @@ def send(connection: socket.socket, pieces: Iterable[bytes]) -> int:
 ESCAPES = b"\x1b]52;c;ZXZpbA==\x07\x1b[2J\x1b[31m1,2\x1b[0m\n"
 MIB = 1024
 BOARDS = (
-    Board("noise", noise, 100, 4_000, 40), Board("no end of a line, digits", endless(b"1"), MIB, 100 * MIB, 40),
+    Board("noise", noise, 100, 4_000, 40),
+    Board("no end of a line, digits", endless(b"1"), MIB, 100 * MIB, 40),
     Board("lines of 1 MB", lines(lambda i: b"%d," % i + b"7," * 500_000 + b"\n"), 2, 50, 40),
     Board("a new label on each line", lines(b"label%d:1\n".__mod__), 1000, 100_000, 100),
-    Board("many labels on each line", lines(lambda i: b" ".join(b"l%d:%d" % (k, i) for k in range(2000)) + b"\n"),
-        2, 50, 100),
-    Board("a new width on each line", lines(lambda i: b",".join([b"%d" % i] * (i % 300 + 1)) + b"\n"), 300, 5_000,
-        100),
+    Board("many labels", lines(lambda i: b" ".join(b"l%d:%d" % (k, i) for k in range(2000)) + b"\n"), 2, 50, 100),
+    Board("new widths", lines(lambda i: b",".join([b"%d" % i] * (i % 300 + 1)) + b"\n"), 300, 5_000, 100),
     Board("a header above each row", lines(lambda i: b"n%d,m%d\n%d,%d\n" % (i, i, i, i + 1)), 60, 2_000, 60),
     Board("a new program every 40 lines", lines(lambda i: (b"%d;%d;%d\n", b"a:%d,b:%d,c:%d\n",
         b"%d\t%d %d\n")[i // 40 % 3] % (i, i, i)), 500, 10_000, 60),

@@ -78,16 +78,15 @@ def test_the_first_line_after_opening_is_dropped_wherever_the_bytes_are_cut(end)
 
 
 NAMED, PLAIN, SINES = ["heat", "light"], ["value 1", "value 2"], ["sine 1", "sine 2"]
-STREAMS = {  # bytes and s until they came; the names and the rows
+STREAMS = {
     "names after a silence": ([(b"heat,light\n1,2\n3,4\n", 1.6)], NAMED, [(1, 2), (3, 4)]),
     "no first sample, though": ([(b"1,2\n3,4\n", 1.6)], PLAIN, [(3, 4)]),
     "a cut line of names": ([(b"ght\n1,2\n3,4\n", 0.01)], PLAIN, [(1, 2), (3, 4)]),
     "names with blanks and digits": ([(b"x\nsine 1,sine 2\n0.5,0.25\n1,2\n", 1.6)], SINES, [(0.5, 0.25), (1, 2)]),
     "a board that starts twice": ([(b"x\n" + b"sine 1,sine 2\n" * 2 + b"0.5,0.25\n", 1.6)], SINES, [(0.5, 0.25)]),
-    "the boot text of a chip": ([(b"\x80\xff", 0), (ESP32, 0.4), (b"a:1,b:2\r\na:3,b:4\r\n", 0.5)], ["a", "b"],
-        [(1, 2), (3, 4)]),
-    "words among the numbers": ([(b"x\nheat,light\n1,2\n3,4\n", 0.1), (b"5,6\nERR,OK\n7,8\n", 3), (b"9,10\n", 0.1)],
-        NAMED, [(1, 2), (3, 4), (5, 6), (7, 8), (9, 10)]),
+    "boot text": ([(b"\x80\xff", 0), (ESP32, 0.4), (b"a:1,b:2\r\na:3,b:4\r\n", 0.5)], ["a", "b"], [(1, 2), (3, 4)]),
+    "words among the numbers": ([(b"x\nheat,light\n1,2\n3,4\n", 0.1), (b"5,6\nERR,OK\n7,8\n", 3),
+        (b"9,10\n", 0.1)], NAMED, [(1, 2), (3, 4), (5, 6), (7, 8), (9, 10)]),
 }  # fmt: skip
 
 
