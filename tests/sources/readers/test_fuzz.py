@@ -15,8 +15,7 @@ import numpy as np
 import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
-from tests.sources.both_ways import assert_same_by_line
-from tests.sources.dialects.verdict import judge, make_case
+from tests.sources.dialects import judge, make_case
 from tests.support.effort import FUZZ
 
 from kalscope.errors import BadFile, Cancelled, KalscopeError
@@ -24,6 +23,27 @@ from kalscope.sources.reading import rows as csv_rows
 from kalscope.sources.reading.line_parser import LineParser
 from kalscope.sources.reading.line_reader import LineReader
 from kalscope.sources.reading.recording_file import read_recording
+
+
+def assert_same_by_line(path):
+    """The recording of a file, or the error that it raises, if it is the same both ways."""
+    read = []
+    for limit in (0, 1 << 40):
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(csv_rows, "MAX_BYTES_BY_LINE", limit)
+            try:
+                read.append(read_recording(path))
+            except KalscopeError as error:
+                read.append(error)
+    fast, slow = read
+    if isinstance(fast, KalscopeError):
+        assert (type(fast), str(fast)) == (type(slow), str(slow))
+    else:
+        for name in ("report", "names", "units", "sample_period"):
+            assert getattr(fast, name) == getattr(slow, name), name
+        np.testing.assert_array_equal(fast.time, slow.time)
+        np.testing.assert_array_equal(fast.values, slow.values)
+    return fast
 
 
 def decoded(data):

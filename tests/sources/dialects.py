@@ -1,14 +1,167 @@
-"""Tables in random dialects and lines that name their values, and their right reading."""
+"""Logs written in random dialects, their right reading, and what became of them.
+
+Asked is what a note answers: it names the options with which the log is read exactly.
+"""
 
 from __future__ import annotations
 
 import json
+import re
+from contextlib import suppress
 from dataclasses import dataclass, field
 from datetime import datetime, timedelta
+from pathlib import Path
 from random import Random
+from typing import Any
 
 import numpy as np
-from tests.sources.dialects.stamps import Stamps, make_stamps
+
+from kalscope.errors import KalscopeError
+from kalscope.recording import Recording
+from kalscope.sources.grammar.read_options import ReadOptions, options_from_text
+from kalscope.sources.reading.recording_file import read_recording
+
+MONTHS = ["Jan", "Feb", "Mar", "Apr", "May", "Jun", "Jul", "Aug", "Sep", "Oct", "Nov", "Dec"]
+DAYS = ["Mon", "Tue", "Wed", "Thu", "Fri", "Sat", "Sun"]
+
+
+Columns = tuple[tuple[str, ...], tuple[tuple[str, ...], ...]]
+"""(names, cells) of time columns."""
+
+
+@dataclass(frozen=True)
+class Stamps:
+    """The time columns of one log."""
+
+    shape: str
+    """"even", "jitter", "pause", "burst" or "coarse"."""
+    names: tuple[str, ...]
+    """Names of the columns."""
+    cells: tuple[tuple[str, ...], ...]
+    """One row of cells a sample."""
+    seconds: np.ndarray
+    """s from the first sample, as the stamps say."""
+    period: float
+    """s between samples, pauses left aside."""
+
+    @property
+    def only_rate(self) -> bool:
+        """Whether the stamps are too coarse to place a sample."""
+        return self.shape in ("burst", "coarse")
+
+
+FORMS = {
+    "seconds": 1000, "millis": 1000, "micros": 1, "epoch s": 1000, "epoch ms": 1000, "epoch us": 1, "iso": 1000,
+    "iso whole": 1_000_000, "day first": 1_000_000, "month first": 1_000_000, "am pm": 1_000_000,
+    "month name": 1000, "ctime": 1_000_000, "compact": 1_000_000, "clock": 1000, "two columns": 1_000_000,
+    "six columns": 1_000_000, "minutes": 1000,
+}  # fmt: skip
+WITHOUT_BLANKS = {"seconds", "millis", "micros", "epoch s", "epoch ms", "epoch us"}
+WITHOUT_BLANKS |= {"clock", "two columns", "compact", "six columns"}
+WITHOUT_NAME = set(FORMS) - {"millis", "micros", "six columns", "minutes"}
+"""What a human knows as a time without a name above it."""
+MIN_COARSE_ROWS = 70
+WHOLE = {form for form, resolution in FORMS.items() if resolution == 1_000_000}
+
+
+def make_stamps(rng: Random, n: int, delimiter: str, decimal: str, *, named: bool) -> Stamps:
+    """Time columns of n samples that suit a table with this delimiter."""
+    forms = set(FORMS) if named else WITHOUT_NAME
+    form = rng.choice(sorted(forms & WITHOUT_BLANKS if delimiter == " " else forms))
+    resolution = FORMS[form]
+    shapes = ["even"] * 4 + ["jitter", "pause"]
+    # A clock of whole seconds needs many of them to say its rate; numbers that repeat need a name to be a time.
+    if n >= MIN_COARSE_ROWS and (named or form != "seconds"):
+        shapes.append("coarse" if form in WHOLE else "burst")
+    shape = rng.choice(shapes)
+    micros, period = sample_times(rng, n, resolution, shape, daily=form != "minutes")
+    start = datetime(rng.randint(2015, 2025), rng.randint(1, 12), rng.randint(13, 27), rng.randint(0, 20), 3, 7)
+    if form == "minutes":
+        start = start.replace(minute=0)
+    names, cells = written(rng, form, start, micros, decimal, delimiter)
+    return Stamps(shape, names, cells, (micros - micros[0]) / 1e6, period)
+
+
+def sample_times(rng: Random, n: int, resolution: int, shape: str, *, daily: bool) -> tuple[np.ndarray, float]:
+    """(µs of each stamp, nominal period in s)."""
+    if shape == "coarse":
+        rate = rng.uniform(2.5, max(3.0, n / 25))
+        return (np.arange(n) / rate).astype(np.int64) * 1_000_000, 1 / rate
+    is_whole = resolution == 1_000_000
+    steps = (4, 5, 10, 20, 40, 50, 100) if not is_whole else (1, 2, 5, 10, 30, 60, 300, 600) if daily else (1,)
+    step = rng.choice(steps) * (1_000_000 if is_whole else 1000)
+    micros = np.arange(n) * step
+    if shape == "burst":
+        size = rng.randint(3, 8)
+        return micros // (size * step) * (size * step), step / 1e6
+    if shape == "jitter" and resolution < 1_000_000:
+        noise = np.array([rng.uniform(-0.1, 0.1) * step for _ in range(n)])
+        micros = np.sort(((micros + noise) // resolution * resolution).astype(np.int64))
+    if shape == "pause":
+        micros = micros + (np.arange(n) >= rng.randint(n // 3, 2 * n // 3)) * step * rng.randint(20, 90)
+    return micros - micros[0], step / 1e6
+
+
+def written(rng: Random, form: str, start: datetime, micros: np.ndarray, decimal: str, delimiter: str) -> Columns:
+    """(names, cells) of a form."""
+    when = [start + timedelta(microseconds=int(at)) for at in micros]
+    if form in _NUMBERS:
+        return _numbers(rng, form, start, micros, decimal, delimiter)
+    if form == "two columns":
+        date = rng.choice(["%Y-%m-%d", "%d.%m.%Y", "%d/%m/%Y", "%m/%d/%Y"])
+        names = rng.choice([("Date", "Time"), ("date", "time"), ("DATE", "CLOCK")])
+        return names, tuple((at.strftime(date), at.strftime("%H:%M:%S")) for at in when)
+    if form == "six columns":
+        names = ("Year", "Month", "Day", "Hour", "Minute", "Second")
+        return names, tuple(tuple(map(str, at.timetuple()[:6])) for at in when)
+    name = rng.choice(["Time", "timestamp", "Timestamp", "datetime", "Date/Time", "time"])
+    return (name,), tuple((text,) for text in _texts(rng, form, when))
+
+
+def _texts(rng: Random, form: str, when: list[datetime]) -> list[str]:
+    if form == "iso":
+        between, zone = rng.choice("T "), rng.choice(["", "", "Z", "+02:00", " UTC"])
+        return [at.isoformat(between, "milliseconds") + zone for at in when]
+    if form == "month name":
+        pattern = rng.choice(["%d-{}-%Y %H:%M:%S", "%d.{}.%Y %H:%M:%S", "%d {} %Y %H:%M:%S"])
+        return [at.strftime(pattern.format(MONTHS[at.month - 1])) + f".{at.microsecond // 1000:03}" for at in when]
+    if form == "ctime":
+        zone = rng.choice(["", " GMT+08:00", " UTC"])
+        return [f"{DAYS[at.weekday()]} {MONTHS[at.month - 1]} {at:%d %H:%M:%S}{zone} {at:%Y}" for at in when]
+    if form in ("minutes", "clock"):
+        return [f"{at:{'%M:%S' if form == 'minutes' else '%H:%M:%S'}}.{at.microsecond // 1000:03}" for at in when]
+    pattern = rng.choice(_PATTERNS[form])
+    return [at.strftime(pattern) for at in when]
+
+
+_PATTERNS = {
+    "iso whole": ("%Y-%m-%d %H:%M:%S", "%Y-%m-%dT%H:%M:%SZ", "%Y/%m/%d %H:%M:%S"),
+    "day first": ("%d.%m.%Y %H:%M:%S", "%d/%m/%Y %H:%M:%S", "%d-%m-%Y %H:%M:%S"),
+    "month first": ("%m/%d/%Y %H:%M:%S",),
+    "am pm": ("%m/%d/%Y %I:%M:%S %p", "%d.%m.%Y %I:%M:%S %p"),
+    "compact": ("%Y%m%d_%H%M%S",),
+}
+_NUMBERS = {  # µs in one unit, names
+    "seconds": (1e6, ("t", "time", "Time (s)", "time [s]", "t_s", "seconds", "elapsed [s]")),
+    "millis": (1e3, ("millis", "time_ms", "t [ms]", "Time (ms)", "timestamp_ms")),
+    "micros": (1, ("micros", "time_us", "t [us]", "Time (µs)")),
+    "epoch s": (1e6, ("timestamp", "time", "epoch", "unix_time")),
+    "epoch ms": (1e3, ("timestamp", "time", "epoch_ms", "Timestamp")),
+    "epoch us": (1, ("timestamp", "time", "epoch")),
+}
+
+
+def _numbers(rng: Random, form: str, start: datetime, micros: np.ndarray, decimal: str, delimiter: str) -> Columns:
+    unit, names = _NUMBERS[form]
+    epoch = (start - datetime(1970, 1, 1)) // timedelta(microseconds=1) if form.startswith("epoch") else 0
+    counts = [int(at) + epoch for at in micros]
+    if unit == 1e6:
+        cells = [f"{count // 1_000_000}{decimal}{count % 1_000_000 // 1000:03}" for count in counts]
+    else:
+        cells = [str(count // int(unit)) for count in counts]
+    names = tuple(name for name in names if delimiter != " " or " " not in name)
+    return (rng.choice(names),), tuple((cell,) for cell in cells)
+
 
 NAMES = [
     "temp", "hum", "pressure", "volts", "dist", "accel_x", "accel_y", "gyro", "flow", "level", "speed", "torque",
@@ -249,3 +402,94 @@ def line(case: Case, style: str, clock: str, between: str, texts: list[str], mil
     mark = "=" if style == "equals" else ":" if between != "\t" else ": "
     body = between.join(f"{name}{mark}{text}" for name, text in pairs)
     return f"{date} - {body}" if clock == "date" else body
+
+
+OPTION = re.compile(r'--([a-z-]+)(?:[ =](?:"([^"]*)"|([^\s";)]+)))?')
+"""An option with its value, as a note names it."""
+RATE_TOLERANCE = {"burst": 0.1, "coarse": 0.04, "pause": 0.01, "jitter": 0.04, "even": 1e-3}
+"""Of the period, relative; a burst's last samples may be missing from its stretch."""
+
+
+def make_case(seed: int) -> Case:
+    """The log of a seed."""
+    rng = Random(f"kalscope dialect {seed}")
+    return make_labelled(rng) if rng.random() < 0.15 else make_table(rng)
+
+
+def judge(case: Case, path: Path) -> tuple[str, str]:
+    """(exact, refused, asked or wrong; why it is not exact)."""
+    path.write_bytes(case.data)
+    try:
+        recording = read_recording(path)
+    except KalscopeError as error:
+        return "refused", str(error)
+    if not (why := difference(case, recording)):
+        return "exact", ""
+    for note in recording.report.notes:
+        with suppress(KalscopeError):
+            if (options := named_options(note)) and not difference(case, read_recording(path, options)):
+                return "asked", f"{why}; {note}"
+    return "wrong", why
+
+
+def named_options(note: str) -> ReadOptions | None:
+    """The options that a note names; None where it names none, or none with a value."""
+    given: dict[str, Any] = {}
+    for name, quoted, bare in OPTION.findall(note):
+        if name in ("day-first", "month-first"):
+            given["day_first"] = name == "day-first"
+        else:
+            given[name.replace("-", "_")] = quoted or bare
+    try:
+        return options_from_text(**given) if given else None
+    except (KalscopeError, TypeError):  # `--time-unit changes it`
+        return None
+
+
+def difference(case: Case, recording: Recording) -> str:
+    """What differs from the right reading; "" where nothing does."""
+    if len(recording) != len(case.values):
+        return f"{len(recording)} rows for {len(case.values)}"
+    for j in range(case.values.shape[1]):
+        if why := channel_difference(case, recording, j):
+            return why
+    spare = len(recording.names) - case.values.shape[1] - case.counter
+    if spare > 0:
+        return f"channels {recording.names} for {case.names}"
+    return time_difference(case, recording)
+
+
+def channel_difference(case: Case, recording: Recording, j: int) -> str:
+    """What differs in one channel."""
+    if case.names:
+        if case.names[j] not in recording.names:
+            return f"no channel {case.names[j]!r} among {recording.names}"
+        index = recording.names.index(case.names[j])
+    elif len(recording.names) < case.values.shape[1]:
+        return f"{len(recording.names)} channels for {case.values.shape[1]}"
+    else:
+        index = j
+    if not np.array_equal(recording.values[:, index], case.values[:, j], equal_nan=True):
+        i = int(np.flatnonzero(~(recording.values[:, index] == case.values[:, j]))[0])
+        return f"channel {j}, sample {i}: {recording.values[i, index]} for {case.values[i, j]}"
+    if case.units and recording.units[index] != case.units[j]:
+        return f"unit {recording.units[index]!r} for {case.units[j]!r}"
+    return ""
+
+
+def time_difference(case: Case, recording: Recording) -> str:
+    """What differs in time and rate."""
+    stamps = case.stamps
+    if case.period is None:
+        return "" if recording.sample_period is None else f"a period of {recording.sample_period} s for none"
+    if recording.sample_period is None:
+        return f"no period for {case.period} s"
+    tolerance = RATE_TOLERANCE[stamps.shape] if stamps else 1e-3
+    if abs(recording.sample_period / case.period - 1) > tolerance:
+        return f"a period of {recording.sample_period} s for {case.period} s"
+    if stamps is not None and not stamps.only_rate:
+        off = np.abs(recording.time - recording.time[0] - stamps.seconds)
+        # A stamp of a pause or a jitter is as it stands; a file's own rate may smooth what is below a period.
+        if float(off.max()) > max(1e-6, 0.02 * case.period if stamps.shape == "jitter" else 0.0):
+            return f"a time that is {off.max()} s off at sample {int(off.argmax())}"
+    return ""

@@ -1,1 +1,0 @@
-"""Logs written in random dialects, whose right reading is known."""
