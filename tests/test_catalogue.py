@@ -28,13 +28,6 @@ def test_all_settings_of_a_synthetic_signal_can_be_said():
     np.testing.assert_array_equal(open_source(spec).values, synthesize("ramp", **settings, **others).values)
 
 
-def test_a_given_sample_period_reaches_file_and_signal(tmp_path):
-    path = tmp_path / "a.csv"
-    path.write_text("a\n1\n5\n2\n")
-    assert open_source(str(path), sample_period=0.25).sample_period == 0.25
-    assert open_source("synthetic:sine?n=3", sample_period=0.25).sample_period == 0.25
-
-
 SETTINGS = "volume=11 n=many n=1.5 sigma=-1 n=1&n=2 n sigma=nan limits=1 shape=ramp"
 REFUSED = [
     ("serial:/dev/ttyACM0@9600 serial:COM3 socket://host:1 https://a.b/c.csv loop:// file:///x", "must be a file"),

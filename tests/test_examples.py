@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import importlib.util
 import json
+import os
 import re
 import shutil
 import subprocess
-import sys
 from functools import cache
 from pathlib import Path
 from xml.etree import ElementTree
@@ -15,7 +15,9 @@ from xml.etree import ElementTree
 import pytest
 
 import kalscope
+from tests.support.forked import Forked
 from tests.support.required import not_here
+from tests.support.waiting import PATIENCE
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
@@ -26,6 +28,14 @@ EXAMPLES = sorted((ROOT / "examples").glob("[0-9]*.py"))
 # ---- examples
 
 
+RUN = """
+import runpy, sys, warnings
+warnings.simplefilter("error")
+sys.argv = {argv}
+runpy.run_path(sys.argv[0], run_name="__main__")
+"""
+
+
 @pytest.fixture(scope="module")
 def printed(tmp_path_factory):
     """What an example prints, run once, in a folder that takes the pictures of all."""
@@ -33,10 +43,11 @@ def printed(tmp_path_factory):
 
     @cache
     def printed(example):
-        argv = [sys.executable, "-W", "error", example, folder / f"{example.stem}.svg"]
-        done = subprocess.run(argv, cwd=folder, capture_output=True, text=True)
-        assert done.returncode == 0, done.stderr
-        return done.stdout, argv[-1]
+        argv = [str(example), str(folder / f"{example.stem}.svg")]
+        with Forked(RUN.format(argv=argv), folder, os.environ) as program:
+            out, err = program.communicate(PATIENCE)
+        assert program.returncode == 0, err
+        return out, argv[-1]
 
     return printed
 
