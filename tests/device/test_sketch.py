@@ -26,9 +26,15 @@ TRIPLES = [(0.01, 4.0, None), (0.05, 0.3, 0.0), (0.0, 4.0, 50.0), (0.7, 0.0, 3.0
 TRIPLES += [(2e-37, 1e-36, 2e-38), (1e36, 1e37, 1e38)]
 
 
-def noisy_counts(n, seed=8):
-    rng = np.random.default_rng(seed)
-    return np.clip(np.rint(512 + 300 * np.sin(np.arange(n) / 90) + rng.normal(0, 15, n)), 1, 1023).astype(int)
+def counts(n, channels=1, spoiled=True):
+    """What analogRead reads, shape (n, channels), or (n,) of one; if spoiled, with spikes and missing samples."""
+    rng = np.random.default_rng(5)
+    z = np.clip(np.rint(512 + 300 * np.sin(np.arange(n) / 90) + rng.normal(0, 15, (channels, n))), 1, 1023).T
+    if spoiled:
+        z[rng.random(z.shape) < 0.03] = 1023  # for gate and median
+        z[rng.random(z.shape) < 0.03] = 0  # no sample
+        z[:4, : channels - 1] = 0
+    return z.astype(int) if channels > 1 else z[:, 0].astype(int)
 
 
 OTHER_UNIT = (r"#ifndef KALSCOPE_UNITS_DONE\n#error .*\n#endif\n", "")
@@ -45,9 +51,9 @@ def test_a_board_gives_the_bits_of_the_host_also_after_changes_while_it_runs(
     start_board, workshop, momentum, settings
 ):
     """After each command the filter goes on, with constants that the board computed itself; p restarts it."""
-    counts = noisy_counts(1_500)
+    readings = counts(1500, spoiled=False)
     firmware = exported(workshop, ChannelTuning("raw", "", 0.5, 9.0, momentum=momentum))
-    talk, sent = Talk(start_board(firmware, counts, *FLAT_OUT)), []
+    talk, sent = Talk(start_board(firmware, readings, *FLAT_OUT)), []
     talk.until("raw,filtered")
     for q, r, p0, tau in settings:
         talk.follow(60)
@@ -59,7 +65,7 @@ def test_a_board_gives_the_bits_of_the_host_also_after_changes_while_it_runs(
                 talk.follow(50)
     talk.follow(300)
     params, at, expected = float32_params(FilterParams(0.5, 9.0, momentum=momentum)), 0, []
-    oracle, z = ByHand(params), np.resize(counts, len(talk.rows))
+    oracle, z = ByHand(params), np.resize(readings, len(talk.rows))
     for row, command, answer, wanted in sent:
         expected += [oracle.update(one) for one in z[at:row]]
         params, at = answer.applied_to(params), row
@@ -79,30 +85,26 @@ THREE = (GATED, replace(GATED, q=3e-15, p0=1.2e-6, x0=400.0), ChannelTuning("tem
 @pytest.mark.parametrize("momenta", [(0.0, 0.0, 0.0), (30.0, 1e4, 0.0)], ids=["plain", "momentum"])
 def test_gate_start_and_missing_samples_on_three_channels(start_board, workshop, momenta):
     channels = [replace(one, momentum=momentum) for one, momentum in zip(THREE, momenta, strict=True)]
-    counts = noisy_counts(1000 * 3).reshape(-1, 3)
-    rng = np.random.default_rng(9)
-    counts[rng.random(counts.shape) < 0.02] = 1023  # spikes for the gate
-    counts[100:130, 0] = 1000  # a step: the gate gives in after five
-    counts[rng.random(counts.shape) < 0.01] = 0  # no sample
-    counts[:4, 1] = 0
+    readings = counts(1000, 3)
+    readings[100:130, 0] = 1000  # a step: the gate gives in after five
     firmware = exported(workshop, *channels, edits=(*FAST, MISSING, OTHER_UNIT))
-    printed = printed_rows(start_board(firmware, counts, *FLAT_OUT), 800)
-    z = without_zeros(counts, len(printed))
+    printed = printed_rows(start_board(firmware, readings, *FLAT_OUT), 800)
+    z = without_zeros(readings, len(printed))
     np.testing.assert_array_equal(printed[:, ::2], z)
     for c, channel in enumerate(channels):
         np.testing.assert_array_equal(printed[:, 2 * c + 1], filter_float32(z[:, c], channel.params))
 
 
 def test_every_float_from_a_sixteenth_up_is_printed_so_that_it_is_read_back(start_board, workshop):
-    counts = noisy_counts(500)
+    readings = counts(500, spoiled=False)
     scaled = (
         r"return analogRead\((.*)\);",
         "static uint8_t n = 0; int z = analogRead(PINS[channel]) - 512; return z * 0.0628f * (1UL << n++ % 22);",
     )
     firmware = exported(workshop, ChannelTuning("raw", "", 0.1, 4.0), edits=(*FAST, scaled))
-    printed = printed_rows(start_board(firmware, counts, *FLAT_OUT), 450)[:, 0]
+    printed = printed_rows(start_board(firmware, readings, *FLAT_OUT), 450)[:, 0]
     n = np.arange(len(printed)) % 256 % 22
-    sent = (counts[: len(printed)] - 512).astype(np.float32) * np.float32(0.0628) * (2.0**n).astype(np.float32)
+    sent = (readings[: len(printed)] - 512).astype(np.float32) * np.float32(0.0628) * (2.0**n).astype(np.float32)
     assert np.abs(sent[sent != 0]).min() < 1e-7 * np.abs(sent).max()
     np.testing.assert_array_equal(printed, sent)
 
@@ -155,15 +157,16 @@ def test_what_a_board_cannot_take_changes_nothing(start_board, workshop, momentu
 
 def test_three_sensors_with_gaps_and_spikes_are_fused_to_the_bit(start_board, workshop):
     fusion = replace(FUSION, unit="")
-    rng = np.random.default_rng(5)
-    counts = np.array(fusion.offset) + np.array(fusion.gain) * noisy_counts(700)[:, None]
-    counts = np.clip(np.rint(counts), 1, 1023).astype(int)
-    counts[rng.random(counts.shape) < 0.03] = 1023  # for the gate
-    counts[rng.random(counts.shape) < 0.05] = 0  # no reading
-    counts[[0, 300]] = 0
+    readings = np.array(fusion.offset) + np.array(fusion.gain) * counts(700, spoiled=False)[:, None]
+    readings = np.clip(np.rint(readings), 1, 1023).astype(int)
+    spoiled = counts(700, 3)
+    readings = np.where((spoiled == 0) | (spoiled == 1023), spoiled, readings)
+    readings[[0, 300]] = 0
     missing = (MISSING[0], MISSING[1].replace("channel", "sensor"))
-    printed = printed_rows(start_board(exported(workshop, fusion, edits=(*FAST, missing)), counts, *FLAT_OUT), 501)
-    z = without_zeros(counts, len(printed))
+    printed = printed_rows(
+        start_board(exported(workshop, fusion, edits=(*FAST, missing)), readings, *FLAT_OUT), 501
+    )
+    z = without_zeros(readings, len(printed))
     np.testing.assert_array_equal(printed[:, :3], z)
     np.testing.assert_array_equal(printed[:, 3], filter_float32(z, fusion.params))
 
@@ -207,15 +210,6 @@ CHANNELS = (
 )
 
 
-def counts(n, channels):
-    rng = np.random.default_rng(5)
-    z = np.clip(np.rint(512 + 300 * np.sin(np.arange(n) / 90) + rng.normal(0, 15, (channels, n))), 1, 1023).T
-    z[rng.random(z.shape) < 0.03] = 1023  # for gate and median
-    z[rng.random(z.shape) < 0.03] = 0  # no sample
-    z[:4, :2] = 0
-    return z.astype(int)
-
-
 def asked(talk, text):
     """What each channel answers."""
     return [read_answer(line) for line in talk.ask(text, "bits=|takes no values", len(CHANNELS))]
@@ -251,7 +245,7 @@ def test_five_channels_with_different_filters_print_the_bits_of_the_host_and_say
 
 def test_a_sketch_without_a_kalman_filter_says_that_it_takes_no_values(start_board, workshop):
     channel = ChannelTuning("light", "", 1.0, 1.0, chain=Chain(then=MovingAverage(342)))  # the longest that fits
-    z = counts(200, 1)
+    z = counts(200)
     firmware = exported(workshop, channel, edits=(*FAST, MISSING))
     assert firmware.flash == pytest.approx(4972, rel=0.05)
     assert firmware.ram == pytest.approx(244 + 4 * 342, abs=20)

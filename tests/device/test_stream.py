@@ -53,13 +53,6 @@ def test_no_flipped_bit_gets_past_the_checksum(start_board, stream_sketch):
     assert set(believed) <= set(whole)
 
 
-def test_without_the_checksum_the_line_is_the_same_up_to_the_star(start_board, workshop, stream_sketch):
-    plain = workshop.sketch(SKETCH, (r"(?<=CHECKSUM = )true", "false"))
-    ends = read_lines(start_board(stream_sketch, range(1024), *FLAT_OUT, name="with").port, 50)[1:]
-    bare = read_lines(start_board(plain, range(1024), *FLAT_OUT, name="without").port, 50)[1:]
-    assert [line.split(b"*")[0] + b"\r\n" for line in ends] == bare
-
-
 @pytest.mark.parametrize("samples_per_second", [200, 300])
 def test_the_rate_is_kept_without_drift(start_board, workshop, tmp_path, samples_per_second):
     firmware = workshop.sketch(SKETCH, rate(samples_per_second))

@@ -212,25 +212,16 @@ def prediction_error(z, ratio, dt=None):
     return math.sqrt(np.nanmean(kalman_filter(z, params, dt).innovation[len(z) // 2 :] ** 2))
 
 
-def test_the_errors_are_those_of_the_filter_itself():
-    rows = fleet(6, 300, [1e-6, 0.001, 0.03, 0.3, 5.0, 1e6])
-    rows[2, 100:110] = np.nan
-    growth = held_out(series_of(rows))
-    for i, z in enumerate(rows):
-        own = estimate(z[:150], momentum=0.0, robust=False).ratio
-        own_error = prediction_error(z, max(own, 1e-300))
-        wanted = [prediction_error(z, math.exp(at)) / own_error for at in pool.LOG_RATIOS]
-        np.testing.assert_allclose(growth[i], wanted, rtol=1e-9)
-
-
-@pytest.mark.parametrize("ratio", [1e-5, 0.002, 0.03, 0.7, 40.0])
-def test_between_its_places_it_is_good_to_a_thousandth(ratio):
+@pytest.mark.parametrize("ratio", [1e-5, 0.03, 40.0])
+def test_the_errors_are_those_of_the_filter_itself_to_a_thousandth(ratio):
     rows = fleet(24, 600, 10.0 ** np.linspace(-5, 2, 24))
+    rows[2, 400:410] = np.nan
     own = [estimate(z[:300], momentum=0.0, robust=False).ratio for z in rows]
     best = [prediction_error(z, max(one, 1e-300)) for z, one in zip(rows, own, strict=True)]
     exact = [prediction_error(z, ratio) for z in rows] / np.array(best)
-    np.testing.assert_allclose(held_out_at(held_out(series_of(rows)), ratio), exact, rtol=1e-3)
-    np.testing.assert_allclose(held_out_at(held_out(series_of(rows)).astype(np.float32), ratio), exact, rtol=1e-3)
+    growth = held_out(series_of(rows))
+    for kind in (np.float64, np.float32):
+        np.testing.assert_allclose(held_out_at(growth.astype(kind), ratio), exact, rtol=1e-3)
 
 
 def test_a_filter_of_its_own_may_have_momentum():

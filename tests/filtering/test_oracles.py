@@ -10,7 +10,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from kalscope import FilterParams, kalman_filter, smooth, steady_state
-from kalscope.filtering import steady
 
 
 def van_loan(dt, q, tau):
@@ -28,12 +27,6 @@ def van_loan(dt, q, tau):
     for _ in range(doublings):
         f, cov = f @ f, f @ cov @ f.T + cov
     return f, cov
-
-
-def constant_velocity(dt, acceleration):
-    """F and Q of dx = v dt, dv = noise of density `acceleration` (Bar-Shalom et al. 2001, section 6.2.2)."""
-    f = np.array([[1.0, dt], [0.0, 1.0]])
-    return f, acceleration * np.array([[dt**3 / 3.0, dt**2 / 2.0], [dt**2 / 2.0, dt]])
 
 
 def dense_model(q, tau, dt, x0, p0):
@@ -167,22 +160,6 @@ def test_an_exact_start_that_takes_no_time_leaves_the_velocity_to_later_samples(
     params, dt = FilterParams(q, 1.0, 0.0, -3.0, momentum=5.0), np.array([0.0, 0.0, *[1.0] * 38])
     z = record(np.random.default_rng(189), 40, params)
     must_be_posterior(z, params, states_of(params, dt), kalman_filter(z, params, dt), smooth(z, params, dt), 1e-10)
-
-
-@pytest.mark.parametrize("acceleration", [1e-8, 1e-4, 0.01, 1.0, 100.0])
-def test_the_settled_filter_of_a_long_momentum_is_alpha_beta(acceleration):
-    """Gains by the Riccati equation of constant velocity; α and β of the tracking index (Kalata 1984 form)."""
-    from scipy.linalg import solve_discrete_are
-
-    f, noise = constant_velocity(1.0, acceleration)
-    p = solve_discrete_are(f.T, np.array([[1.0], [0.0]]), noise, np.eye(1))
-    alpha, beta = p[:, 0] / (p[0, 0] + 1.0)
-    tau = 1e12
-    found = steady._with_momentum(acceleration * tau**2, 1.0, tau)  # beyond the longest momentum
-    assert (found.gain, found.velocity_gain) == pytest.approx((alpha, beta), rel=1e-9)
-    noise_of_alpha_beta = (2 * alpha**2 + beta * (2 - 3 * alpha)) / (alpha * (4 - 2 * alpha - beta))
-    assert 10.0 ** (-found.noise_reduction_db / 10.0) == pytest.approx(noise_of_alpha_beta, rel=1e-9)
-    assert found.lag_samples == pytest.approx((1 - alpha) / (beta * tau), rel=1e-6)  # 0 in the limit
 
 
 def rough(n=300, missing=0.0):

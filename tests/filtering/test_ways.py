@@ -93,22 +93,6 @@ def test_channels_of_a_table_are_filtered_one_by_one(momentum):
         np.testing.assert_array_equal(found, [back.x, back.p, denoise(z[:, c], params)])
 
 
-# --- the filtered signal only ---------------------------------------------------------------------------
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("ratio", [1e-8, 1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 0.1, 1.0, 10.0, 1e4])
-@pytest.mark.parametrize("momentum", [0.0, 0.3, 5.0, 200.0, 1e5])
-@pytest.mark.parametrize("missing", [0.0, 0.01])
-def test_denoise_is_within_1e_12_of_the_filter(ratio, momentum, missing):
-    rng = np.random.default_rng(5)
-    z = 100.0 + np.cumsum(rng.normal(0, np.sqrt(ratio), 30_000)) + rng.normal(size=30_000)
-    z[rng.random(len(z)) < missing] = np.nan
-    params = FilterParams(ratio, 1.0, momentum=momentum)
-    error = np.nanmax(np.abs(denoise(z, params) - kalman_filter(z, params).x))
-    assert error <= (1e-11 if momentum else 1e-12) * np.nanmax(np.abs(z))
-
-
 def test_denoise_writes_into_out_and_may_work_in_place():
     params = FilterParams(0.1, 1.0)
     z = record(params)

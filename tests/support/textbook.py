@@ -13,8 +13,8 @@ F = np.float32
 class ByHand:
     """Each matrix product written out in the order that boards use; goes on when values change.
 
-    x and the velocity v have the variances p and w and the covariance g; without momentum v, g and w are 0, the five
-    lines. Params are `Float32Params`, or what has their fields in double where `kind` is float.
+    x and the velocity v have the variances p and w and the covariance g; without momentum v, g and w are 0: the
+    five lines. Params are `Float32Params`, or what has their fields in double where `kind` is float.
     """
 
     def __init__(self, params, kind=F):
