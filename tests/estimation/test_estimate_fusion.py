@@ -40,8 +40,6 @@ def test_one_sensor_is_estimated_as_estimate_does(momentum):
     assert found.loglik == pytest.approx(one.loglik, rel=1e-9)
 
 
-
-
 def test_a_reference_is_right_and_without_one_the_offsets_add_up_to_nothing():
     z = record()
     free, named = estimate_fusion(z, **PLAIN), estimate_fusion(z, names=["a", "b", "c"], reference="b", **PLAIN)
