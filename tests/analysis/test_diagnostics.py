@@ -10,7 +10,7 @@ import pytest
 from tests.support.signals import moving
 
 from kalscope import BadSetting, FilterParams, kalman_filter
-from kalscope.analysis.diagnostics import diagnose, diagnose_held_out
+from kalscope.analysis.diagnostics import diagnose, diagnose_held_out, residual_rows
 from kalscope.analysis.findings import NO_FAULT
 from kalscope.analysis.residuals import nis_band
 
@@ -135,6 +135,14 @@ def test_spikes_are_counted_located_and_sent_to_the_gate():
     assert found.advice == "spikes: 5 beyond 4 σ: switch the outlier gate on"
     gated = judge(z, 0.01, gate=16.0)
     assert (gated.advice, gated.n) == (NO_FAULT, found.n - 5)
+    narrow = "spikes: 3 beyond 4 σ pass the outlier gate: narrow it to 4 σ"
+    assert judge(z, 0.01, gate=400.0).advice == narrow
+    assert judge(z, 1e-4, gate=400.0).advice == "too slow: raise q about 100 ×"  # which explains the spikes
+
+
+def test_the_mean_nis_has_a_band_unless_the_samples_are_too_few():
+    found = [judge(noisy_walk(n), 0.01) for n in (6, 401)]
+    assert [residual_rows(one)[0][2] for one in found] == ["any value: too few samples", "0.866 to 1.14"]
 
 
 # --- gaps, irregular time, long records ----------------------------------------------------------------
