@@ -94,7 +94,7 @@ def recorder(port: str, folder: Path) -> Generator[subprocess.Popen[str]]:
 @contextmanager
 def dashboard(port: str, folder: Path, page: str) -> Generator[subprocess.Popen[str]]:
     """`kalscope open` with a page, and the recorder on."""
-    guest_of = importlib.import_module("wire").Guest
+    guest_of = importlib.import_module("tests.app.wire").Guest
     with Program(port, folder=folder) as program, ExitStack() as pages:
         number, token = re.findall(r":(\d+)/\?token=(\S+)", program.url)[0]
         guest = pages.enter_context(guest_of(int(number), token))
