@@ -35,10 +35,8 @@ def test_a_tuning_file_gives_the_names_back_and_a_recording_of_a_board_holds_the
         assert (held.name, held.how) == (whole, whole)
         text = path.read_text("utf-8")
         assert tomllib.loads(text)["channel"][0]["name"] == whole
-        rejects, above = (
-            rejects_lines(1.5, 7, name, [LineIssue(7, f"must be {name}", name, name)]),
-            preamble(name, 0.0),
-        )
+        issues, above = [LineIssue(7, f"must be {name}", name, name)], preamble(name, 0.0)
+        rejects = rejects_lines(1.5, 7, name, issues)
         assert [len(row) for row in csv.reader(io.StringIO(rejects))] == [5]
         assert all(line.startswith("#") for line in above.splitlines())
         assert not CONTROL.search(text + rejects + above)

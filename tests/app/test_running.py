@@ -108,11 +108,8 @@ export.filtered_csv_chunks = raising()  # in a job
 export.CodeView._send = lambda *_: threading.Thread(target=raising(), name="reader").start()
 map.TuningMapView._on_pointed = raising("point")
 """
-BUTTONS = {
-    "Preview code": "no such files",
-    "Download filtered CSV": "no such kalscope-jobs",
-    "Download code": "no such reader",
-}
+BUTTONS = {"Preview code": "no such files", "Download filtered CSV": "no such kalscope-jobs"}
+BUTTONS["Download code"] = "no such reader"
 
 
 def test_an_uncaught_error_is_shown_and_logged_and_the_dashboard_goes_on(tmp_path):

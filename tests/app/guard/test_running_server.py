@@ -100,9 +100,8 @@ def test_a_page_loads_while_its_connection_waits_for_the_screen():
 def test_the_link_of_an_ipv6_address_has_brackets():
     with guarded_server("::1", 0, token=TOKEN) as running:
         assert running.url == f"http://[::1]:{running.port}/?token={TOKEN}"
-        answer = exchange(
-            running.port, f"GET /?token={TOKEN} HTTP/1.1\r\nHost: [::1]:{running.port}\r\n\r\n", "::1"
-        )
+        link = f"GET /?token={TOKEN} HTTP/1.1\r\nHost: [::1]:{running.port}\r\n\r\n"
+        answer = exchange(running.port, link, "::1")
     assert status_of(answer) == 200
 
 

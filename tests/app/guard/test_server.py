@@ -142,12 +142,12 @@ def test_behind_a_proxy_both_addresses_are_ours_and_the_origin_is_its_address_to
         assert answer_to(BEHIND, **head) is None
     odd = "http://lab.example:8443", "https://lab.example", "https://lab.example:8443.evil.example"
     wrong = [{"origins": ()}, {"hosts": ("lab.example",)}, {"hosts": (OWN,)}, {"cookies": ()}]
+    wrong += [{"hosts": ("lab.example",), "origins": (), "is_upgrade": False}]
     for changed in (*wrong, *({"origins": (origin,)} for origin in odd)):
         assert status(answer_to(BEHIND, **PROXIED | changed)) == 403
     link = page(target=f"/?token={TOKEN}", cookies=(), hosts=("lab.example:8443",))
-    assert answer_to(BEHIND, **link) == (
-        f"kalscope_8080={TOKEN}; HttpOnly; SameSite=Strict; Path={POLICY.home[:-1]}; Secure"
-    )
+    cookie = f"{COOKIE}; HttpOnly; SameSite=Strict; Path={POLICY.home[:-1]}; Secure"
+    assert answer_to(BEHIND, **link) == cookie
     assert "wss://lab.example:8443 " in requests.dashboard_csp((), BEHIND.origin_of("lab.example:8443"))
 
 

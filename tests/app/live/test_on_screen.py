@@ -61,10 +61,8 @@ def board():
 
 @pytest.fixture
 def guest(board, tmp_path):
-    with (
-        running(tmp_path, source=board.port, change=CHANGE) as (_, url),
-        Guest(port_of(url), token_of(url)) as guest,
-    ):
+    program = running(tmp_path, source=board.port, change=CHANGE)
+    with program as (_, url), Guest(port_of(url), token_of(url)) as guest:
         wait_for(guest, "**connected**")
         guest.read_until(lambda: {USE, KEEP, "Open this path"} <= labels(guest))
         yield guest

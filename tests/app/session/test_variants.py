@@ -106,13 +106,8 @@ def test_every_chain_is_drawn_shared_saved_and_reopened_bit_for_bit(state):
 
 def test_a_chain_is_pinned_beside_the_kalman_filter_and_used_again(state):
     session = Session(state)
-    gestures = (
-        pin_present,
-        use_chain(Chain(5, EURO)),
-        pin_present,
-        use_variant("A"),
-        changes.set_median("3 samples"),
-    )
+    chain, median = use_chain(Chain(5, EURO)), changes.set_median("3 samples")
+    gestures = pin_present, chain, pin_present, use_variant("A"), median
     for change in gestures:
         session.request(change)
     tuned, _, failures = session.apply_requests()

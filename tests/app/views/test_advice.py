@@ -53,9 +53,7 @@ def test_every_action_has_its_words(state):
     assert label_of(actions.ChooseFilter(), state.with_view(search_method="maximum lag")) == ""  # it is chosen
 
 
-@pytest.mark.parametrize(
-    "action", [one for one, words in EXAMPLES.items() if words], ids=lambda one: type(one).__name__
-)
+@pytest.mark.parametrize("action", [one for one in EXAMPLES if EXAMPLES[one]], ids=lambda one: type(one).__name__)
 def test_a_button_changes_something_in_one_step_that_undo_takes_back(state, action):
     given = state.with_tuning(gate=9.0) if action == actions.SetGate(None) else state
     session = Session(given)

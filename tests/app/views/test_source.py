@@ -47,10 +47,8 @@ def recording(report, period=1.0):
 
 
 def test_the_summary_comes_first_then_the_account_and_nothing_of_it_is_markup():
-    issues = (
-        LineIssue(5, "must have 3 fields (got 1)", "<b>x</b>"),
-        LineIssue(7, "must be a number", "`e`", "a|b"),
-    )
+    fields, text = LineIssue(5, "must have 3 fields (got 1)", "<b>x</b>"), LineIssue(7, "not one", "`e`", "a|b")
+    issues = fields, text
     report = ReadReport(lines=56, rows=50, rejected=5, bad_cells=1, headers=1, issues=issues, notes=("a *note*",))
     text = import_summary(recording(report))
     assert ("<b>" in text, "`e`" in text.replace("\\`", "")) == (False, False)
