@@ -152,6 +152,7 @@ def test_one_upload_runs_at_a_time_and_no_other_client_can_replace_it_or_add_to_
     assert bench.under_way() == {"a": 2}
     bench.part(shared, 0, b"ok", "a")
     assert bench.uploaded.get(timeout=PATIENCE).content == b"ok"
+    assert bench.refused.empty()
 
 
 def test_more_bytes_than_announced_are_refused_and_end_the_connection(bench):
