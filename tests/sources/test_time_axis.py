@@ -287,5 +287,6 @@ def test_steps_that_vary_have_their_standard_deviation_and_pauses_do_not_count(r
     for some, true in ((np.full(500, 0.01), np.zeros(1)), (paused, steps), (steps, steps)):
         record = read("t_s,z\n" + "".join(f"{t:.6f},{i % 7}\n" for i, t in enumerate(np.cumsum(some))))
         assert jitter_of(record) == pytest.approx(true.std() / record.sample_period, rel=1e-3, abs=1e-9)
+        assert any("the stamps are uneven" in note for note in record.report.notes) == (true.std() > 0.0)
     assert rate_words(record.sample_period, jitter_of(record)) == "10.7 Hz, steps ± 28 %"
     assert summary(record).endswith(", 10.7 Hz from uneven stamps, standard error 0.71 %, steps ± 28 %")
