@@ -77,6 +77,7 @@ def test_on_a_random_walk_under_white_noise_nothing_beats_the_true_kalman_filter
         assert found.others[-1].rmse < found.present.rmse == pytest.approx(predicted, rel=0.02)
 
 
+@pytest.mark.slow
 def test_spikes_that_none_can_predict_do_not_hide_what_a_median_does():
     truth = 100.0 + 20.0 * np.sin(np.arange(3000) / 150)
     z = truth + RNG.normal(size=3000)
@@ -130,6 +131,7 @@ def test_each_candidate_overshoots_a_step_as_it_is_said_to(lag):
         assert one.overshoot == pytest.approx(max(0.0, np.nanmax(one.run(step)) - 1.0), abs=1e-6), one.name
 
 
+@pytest.mark.slow
 def test_a_filter_with_momentum_is_compared_at_its_own_lag():
     truth, params = signals.moving(60_000, 60.0, 0.3, r=0.0), FilterParams(0.3, 1.0, momentum=60.0)
     z = truth + RNG.normal(size=60_000)
@@ -147,6 +149,7 @@ def test_a_filter_with_momentum_is_compared_at_its_own_lag():
     assert found.present.rmse == pytest.approx(math.sqrt(np.mean(errors**2)), rel=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("momentum", [0.0, 20.0])
 def test_the_fixed_lag_smoother_sees_so_much_ahead_and_its_gain_is_known_without_the_truth(momentum):
     rng = np.random.default_rng(8)
@@ -166,6 +169,7 @@ def test_the_fixed_lag_smoother_sees_so_much_ahead_and_its_gain_is_known_without
     assert found.others[-2].rmse == known.rmse == pytest.approx(np.std((known.curve - truth)[200:-200]), rel=0.1)
 
 
+@pytest.mark.slow
 def test_two_speeds_predict_better_than_what_has_their_lag_in_motion():
     rng = np.random.default_rng(0)
     z = np.cumsum((rng.random(3000) < 1 / 250) * rng.normal(size=3000) * 15) + rng.normal(size=3000)

@@ -247,8 +247,7 @@ def test_a_sketch_without_a_kalman_filter_says_that_it_takes_no_values(start_boa
     channel = ChannelTuning("light", "", 1.0, 1.0, chain=Chain(then=MovingAverage(342)))  # the longest that fits
     z = counts(200)
     firmware = exported(workshop, channel, edits=(*FAST, MISSING))
-    assert firmware.flash == pytest.approx(4972, rel=0.05)
-    assert firmware.ram == pytest.approx(244 + 4 * 342, abs=20)
+    assert (firmware.flash, firmware.ram) == pytest.approx((4972, 244 + 4 * 342), rel=0.05)
     talk = Talk(start_board(firmware, z, *FLAT_OUT))
     talk.ask("q 0.5\r", "not understood; these filters take no values")
     talk.follow(80)

@@ -34,9 +34,7 @@ def test_one_sensor_is_estimated_as_estimate_does(momentum):
     z = record(missing=0.3)[:, :1]
     dt = np.random.default_rng(1).choice([1.0, 2.0], len(z))
     found, one = estimate_fusion(z, dt=dt, momentum=momentum), estimate(z[:, 0], dt=dt, momentum=momentum)
-    assert found.q == pytest.approx(one.q, rel=1e-6)
-    assert found.r[0] == pytest.approx(one.r, rel=1e-6)
-    assert found.momentum == pytest.approx(one.momentum, rel=1e-6)
+    assert (found.q, found.r[0], found.momentum) == pytest.approx((one.q, one.r, one.momentum), rel=1e-6)
     assert found.loglik == pytest.approx(one.loglik, rel=1e-9)
 
 

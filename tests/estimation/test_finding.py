@@ -101,6 +101,7 @@ RECORDS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("reason", RECORDS)
 def test_every_record_has_a_filter_and_its_reason(reason):
     z = RECORDS[reason]
@@ -148,6 +149,7 @@ def test_a_code_for_no_echo_neither_starts_nor_moves_the_filter_and_a_step_is_fo
     assert rms(x - truth) < 0.5 * rms(denoise(z, only) - truth)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(4))
 def test_no_gate_keeps_out_more_than_a_tenth_of_the_movement(seed):
     """As of a light sensor: bright and dark, and flashes that a spike-proof fit takes for spikes."""
@@ -264,6 +266,7 @@ def test_contradictions_and_numbers_out_of_range_are_refused(asked, says):
         ask(Z, **asked)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("target", request.TARGETS)
 def test_at_an_edge_a_wish_still_gives_its_filter(target):
     for verdict in ("medium", "slow", "constant", "too_few"):

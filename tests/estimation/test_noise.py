@@ -188,6 +188,7 @@ def test_a_filter_below_the_resolution_is_better_than_none(movement, sigma):
         assert np.mean((kalman_filter(z, found.params).x - truth) ** 2) < np.mean((z - truth) ** 2)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("momentum", ["auto", 0.0, 1e-3, 20.0])
 def test_the_intervals_hold_the_filter_with_the_noise_of_rounding(momentum):
     """They were those of the smaller r, whose filters all lag less."""
@@ -205,6 +206,7 @@ def test_the_intervals_hold_the_filter_with_the_noise_of_rounding(momentum):
     assert (overshoot in found.message) == (settled.overshoot > 0.0)
 
 
+@pytest.mark.slow
 def test_a_fast_signal_in_steps_keeps_its_verdict_and_a_switch_shows_no_resolution():
     """A counter, a jump: not the noise of the sensor is small, but the movement large."""
     for z in (np.arange(50.0), np.append(np.zeros(20), 1.0), np.round(1e3 * np.sin(np.arange(400.0)))):

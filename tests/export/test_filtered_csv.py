@@ -61,6 +61,7 @@ def test_a_channel_with_momentum_has_its_velocity_and_the_others_are_as_before(p
     assert [row[:4] for row in table] == rows(text_of(source, {"a": PARAMS}))
 
 
+@pytest.mark.slow
 @given(st.lists(st.floats(-1e150, 1e150) | st.just(NAN), min_size=1, max_size=30))
 def test_every_number_comes_back_bit_for_bit(samples):
     source = recording(samples)

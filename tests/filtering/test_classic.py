@@ -225,6 +225,7 @@ def test_a_linear_filter_settles_by_formula_as_its_answer_to_a_step_and_to_a_wav
         assert math.isnan(found.p)
 
 
+@pytest.mark.slow
 def test_a_median_or_a_one_euro_filter_is_measured_on_the_noise_and_speed_of_the_run():
     z = np.random.default_rng(5).normal(size=20_000)
     kalman, both = steady_state(PARAMS), settled(Chain(5), z)

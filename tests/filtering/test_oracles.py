@@ -193,6 +193,7 @@ def test_filter_smoother_and_likelihood_are_those_of_a_local_linear_trend(q, r, 
     assert filtered.loglik == pytest.approx(theirs.llf_obs.sum(), rel=1e-10)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("q", "r", "momentum"), [(0.05, 0.8, 20.0), (4.0, 1.0, 30.0), (0.01, 1.0, 6.0)])
 def test_the_settled_filter_predicts_as_a_damped_trend(q, r, momentum):
     """Level and slope of the damped trend are x and f v / e: α = K, β = f L / e, φ = e."""

@@ -107,6 +107,7 @@ def rounded(rng):
     return 4.0 * np.round((np.cumsum(0.2 * rng.normal(size=3000)) + rng.normal(size=3000)) / 4.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("kind", "seed"), [(spiky, 34), (rounded, 7), (rounded, 10)])
 def test_large_spikes_and_coarse_readings_do_not_pass_for_movement(kind, seed):
     assert estimate(kind(np.random.default_rng(seed)), two_speeds=True).params.fast is None

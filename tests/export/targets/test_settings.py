@@ -121,6 +121,7 @@ RUNS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("target", RUNS)
 def test_the_recursion_of_the_source_has_the_lag_and_the_noise_that_the_text_gives(target):
     text, ramp = text_of(target), 3.0 * np.arange(400.0)
