@@ -168,21 +168,10 @@ def log_binned(x: Array, ys: list[Array], bins: int) -> tuple[Array, ...]:
     return tuple(np.bincount(place, weights=y, minlength=bins)[full] / counts[full] for y in (x, *ys))
 
 
-@dataclass(frozen=True)
-class Allan:
-    """What the Allan chart draws."""
-
-    state: State
-    """The choices it belongs to."""
-    found: AllanDeviation
-    """All of it."""
-
-
-def compute_allan(state: State) -> Allan | None:
-    """Allan deviation of the channel on screen; None where its filter has no one model."""
-    if not state.has_one_speed:
-        return None
-    return Allan(state, allan_deviation(state.z, state.params, state.recording.sample_period))
+def compute_allan(state: State) -> tuple[State, AllanDeviation | None]:
+    """Allan deviation of the channel on screen, and its state; None where its filter has no one model."""
+    known = state.has_one_speed
+    return state, allan_deviation(state.z, state.params, state.recording.sample_period) if known else None
 
 
 # State -> Checks: an idle-time computation, because it takes longer than a frame.

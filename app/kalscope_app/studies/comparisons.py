@@ -164,18 +164,6 @@ def _lane(name: str, z: Array, at: NDArray[np.intp], filtered: Array) -> Lane:
 
 
 @dataclass(frozen=True)
-class Fit:
-    """How well the Kalman filter of one setting explains one channel."""
-
-    diagnostics: Diagnostics
-    """Size and autocorrelation of its innovations."""
-    loglik: float
-    """Log-likelihood."""
-    scored: int
-    """Samples that it sums over."""
-
-
-@dataclass(frozen=True)
 class Measures:
     """What one setting does to one channel."""
 
@@ -183,8 +171,12 @@ class Measures:
     """Lag, noise reduction, gain of the settled filter."""
     rmse: float | None
     """Root mean square of filtered − truth, unit; None where the truth is not known."""
-    fit: Fit | None
-    """How well it explains the recording; None for a chain of filters, which is not a model of it."""
+    fit: Diagnostics | None
+    """Size and autocorrelation of its innovations; None for a chain of filters, which is no model."""
+    loglik: float = np.nan
+    """Its log-likelihood."""
+    scored: int = 0
+    """Samples that this sums over."""
 
 
 @dataclass(frozen=True)
@@ -230,15 +222,13 @@ def compute_variants(state: State, kept: Cache[Measures]) -> VariantComparison:
 def measure(state: State, tuning: ChannelTuning) -> Measures:
     """What a setting does to the channel on screen, over the whole recording."""
     recording, z, used = state.recording, state.z, tuning.filter
-    run, fit = None, None
-    if tuning.chain is None:
-        run = filter_at(z, tuning.params, np.empty(0, dtype=np.intp), state.dt)
-        diagnostics = without_residuals(diagnose_run(Run.of_samples(z, tuning.params, state.dt)))
-        fit = Fit(diagnostics, float(run.loglik), int(run.m))
     rmse = None
     if recording.truth is not None:
         error = used.denoise(z, state.dt)
         error -= recording.truth[:, state.index]
         rmse = float(np.sqrt(np.nanmean(np.square(error, out=error)))) if np.isfinite(error).any() else None
-    steady = used.settled(run or used.run(z, state.dt), recording.sample_period)
-    return Measures(steady, rmse, fit)
+    if tuning.chain is not None:
+        return Measures(used.settled(used.run(z, state.dt), recording.sample_period), rmse, None)
+    run = filter_at(z, tuning.params, np.empty(0, dtype=np.intp), state.dt)
+    fit = without_residuals(diagnose_run(Run.of_samples(z, tuning.params, state.dt)))
+    return Measures(used.settled(run, recording.sample_period), rmse, fit, float(run.loglik), int(run.m))

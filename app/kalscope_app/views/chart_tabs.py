@@ -9,7 +9,7 @@ import viser
 
 from kalscope.analysis.alternatives import Alternative
 from kalscope.analysis.filter_errors import Difference
-from kalscope.analysis.spectrum import Spectrum
+from kalscope.analysis.spectrum import AllanDeviation, Spectrum
 from kalscope.common.numbers import Array
 from kalscope.common.text import count, frequency, lag_text, noise_left, number, percent, squared
 from kalscope.filtering.classic import Chain
@@ -18,7 +18,7 @@ from kalscope_app.engine.frame import Frame
 from kalscope_app.session import changes
 from kalscope_app.session.session import Session
 from kalscope_app.session.state import LINKS, State
-from kalscope_app.studies.checks import Allan, Spectra
+from kalscope_app.studies.checks import Spectra
 from kalscope_app.studies.comparisons import HALF_LANE, MAX_LANES, Compared, Lane, Overview
 from kalscope_app.views import charts
 from kalscope_app.views.charts import Chart, ChartLine, Scale, palette_of, short, time_axis
@@ -332,14 +332,15 @@ class AllanView:
         self._chart = Chart(gui, 0.35)
         self._note = gui.add_markdown("")
 
-    def show(self, allan: Allan | None) -> None:
+    def show(self, answer: tuple[State, AllanDeviation | None]) -> None:
         """Draw and write."""
-        if allan is None or len(allan.found.size) < 2:
-            self._text.content = NO_ALLAN if allan is None else allan.found.message
+        state, found = answer
+        if found is None or len(found.size) < 2:
+            self._text.content = NO_ALLAN if found is None else found.message
             self._note.content = ""
             self._chart.hide()
             return
-        found, state, palette = allan.found, allan.state, palette_of(allan.state)
+        palette = palette_of(state)
         self._text.content, self._note.content = f"**{found.message}**", ABOUT_ALLAN
         clock = Scale(1.0, "s" if found.in_seconds else "samples")
         low, high, (deviation, model) = floored((found.deviation, found.model))

@@ -73,7 +73,7 @@ def table_text(table: VariantComparison) -> str:
         return FOR_ONE_CHANNEL
     if not table.state.variants:
         return EMPTY
-    scored = {row.measures.fit.scored for row in table.rows if row.measures.fit}
+    scored = {row.measures.scored for row in table.rows if row.measures.fit}
     lines = table_of([_cells(table, row) for row in table.rows])
     return f"{lines}\n\n{EXPLAINED}{COMPARED[len(scored) < 2]}"
 
@@ -84,7 +84,7 @@ def _cells(table: VariantComparison, row: VariantRow) -> dict[str, str]:
     steady, period, chain = measures.steady, table.state.recording.sample_period, row.tuning.chain
     used = chain is None or chain.then is None
     unit = escape_markdown(table.state.tuning.unit, 12)
-    quiet = "✓" if fit is not None and abs(fit.diagnostics.r1) <= fit.diagnostics.r1_bound else "✗"
+    quiet = "✓" if fit is not None and abs(fit.r1) <= fit.r1_bound else "✗"
     return {
         "": "**current**" if row.variant is None else mark(row.variant, dark=table.state.view.dark),
         "filter": ("Kalman" if chain is None else capitalised(chain.words)) if table.with_chain else "",
@@ -95,9 +95,9 @@ def _cells(table: VariantComparison, row: VariantRow) -> dict[str, str]:
         "noise left": noise_left(steady.noise_reduction_db),
         "over\u00adshoot": percent(steady.overshoot) if steady.overshoot else "",
         f"RMSE {unit}".strip(): "" if measures.rmse is None else number(measures.rmse, 4),
-        "NIS": "" if fit is None else number(fit.diagnostics.nis),
-        "lag‑1 corr.": "" if fit is None else f"{correlation(fit.diagnostics.r1)} {quiet}",
-        "log-likelihood": "" if fit is None else number(fit.loglik, 6),
+        "NIS": "" if fit is None else number(fit.nis),
+        "lag‑1 corr.": "" if fit is None else f"{correlation(fit.r1)} {quiet}",
+        "log-likelihood": "" if fit is None else number(measures.loglik, 6),
     }
 
 

@@ -427,23 +427,31 @@ class Commands:
 # The View tab: the theme, and what is drawn beside the filtered signal.
 
 
+VIEW_BOXES = {
+    "dark": ("dark theme", "In every browser that shows this session.", set_dark),
+    "smoother": (
+        "show smoother (offline bound)",
+        "It also uses later samples, which a device cannot.",
+        set_smoother,
+    ),
+    "velocity": ("show velocity", "In place of the gain, where the filter has momentum.", set_velocity),
+}
+"""Label and hint of each checkbox, and the change that it requests, by the field of the View."""
+
+
 class ViewTab:
     """Three checkboxes; the map puts its own controls below them."""
 
     def __init__(self, gui: viser.GuiApi, session: Session) -> None:
-        self._dark = gui.add_checkbox("dark theme", False, hint="In every browser that shows this session.")
-        hint = "It also uses later samples, which a device cannot."
-        self._smoother = gui.add_checkbox("show smoother (offline bound)", False, hint=hint)
-        hint = "In place of the gain, where the filter has momentum."
-        self._velocity = gui.add_checkbox("show velocity", False, hint=hint)
-        bind(self._dark, session, set_dark)
-        bind(self._smoother, session, set_smoother)
-        bind(self._velocity, session, set_velocity)
+        self._boxes = {
+            name: bind(gui.add_checkbox(label, False, hint=hint), session, change)
+            for name, (label, hint, change) in VIEW_BOXES.items()
+        }
 
     def show(self, frame: Frame) -> None:
         """Follow the frame."""
-        view = frame.state.view
-        self._dark.value, self._smoother.value, self._velocity.value = view.dark, view.smoother, view.velocity
+        for name, box in self._boxes.items():
+            box.value = getattr(frame.state.view, name)
 
 
 # The first steps: three sentences above the goal, which cover nothing.

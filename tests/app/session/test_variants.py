@@ -83,7 +83,7 @@ def test_the_table_holds_what_each_setting_does(state):
         error = result.x - tuned.recording.truth[:, 0]
         assert row.tuning.q == q
         assert row.measures.rmse == pytest.approx(np.sqrt(np.mean(error**2)), rel=1e-12)
-        assert row.measures.fit.loglik == result.loglik
+        assert row.measures.loglik == result.loglik
         assert row.measures.steady == steady_state(row.tuning.params, 0.01)
 
 
