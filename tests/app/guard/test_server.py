@@ -157,7 +157,7 @@ def test_behind_a_proxy_both_addresses_are_ours_and_the_origin_is_its_address_to
 def test_only_below_the_path_everything_is_as_viser_knows_it_and_the_path_does_not_tell_the_token():
     home = POLICY.home[:-1]
     for below in ("", "/", "/?token=x", "/a/../b"):
-        assert requests.below_home(POLICY, home + below) == below or "/"
+        assert requests.below_home(POLICY, home + below) == (below or "/")
     for foreign in ("/", "/0123/", "x", f"{home}x", f"{home}?x"):
         assert requests.below_home(POLICY, foreign) == foreign
     assert POLICY.home == Policy(9999, TOKEN).home

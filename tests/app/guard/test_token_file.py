@@ -32,6 +32,8 @@ def test_the_file_and_its_folder_are_for_the_user_only(tmp_path):
     assert stat.S_IMODE((tmp_path / "kalscope").stat().st_mode) == 0o700
     assert stat.S_IMODE((tmp_path / "kalscope" / "token-8080").stat().st_mode) == 0o600
     assert os.listdir(tmp_path / "kalscope") == ["token-8080"]
+    (tmp_path / "kalscope").chmod(0o755)  # others may look into it
+    assert kept_token(8080, tmp_path / "kalscope") == (tmp_path / "kalscope" / "token-8080").read_text()
 
 
 SPOILT = {
@@ -47,7 +49,8 @@ SPOILT = {
 }
 """What may lie where the token is kept, and is not believed."""
 UNSAFE = {
-    "others may write": lambda folder: put(folder).parent.chmod(0o777),
+    "the group may write": lambda folder: put(folder).parent.chmod(0o720),
+    "others may write": lambda folder: put(folder).parent.chmod(0o702),
     "a link": lambda folder: folder.symlink_to(put(folder.parent / "elsewhere").parent),
     "a file": lambda folder: folder.write_text(""),
     "of another user": lambda folder: os.chown(put(folder).parent, 65534, 65534),
