@@ -34,15 +34,15 @@ def board():
 @pytest.mark.slow
 def test_it_prints_both_figures_of_each_channel_and_keeps_them_where_that_was_asked_for(board, capsys):
     assert run(["calibrate", board.port, "--seconds", "2"]) == 0
-    said = capsys.readouterr().out
-    assert re.findall(r"^(\w+): r = \d+\.\d+ unit².*; from 336 samples, ", said, re.M) == ["light", "temp"]
-    assert said.count(" here: equal within 0.0010 %.") == 2
-    assert said.endswith("after a reset the board uses the values of its export. --keep stores these.\n")
+    out = capsys.readouterr().out
+    assert re.findall(r"^(\w+): r = \d+\.\d+ unit².*; from 336 samples, ", out, re.M) == ["light", "temp"]
+    assert out.count(" here: equal within 0.0010 %.") == 2
+    assert out.endswith("after a reset the board uses the values of its export. --keep stores these.\n")
     assert not board.kept
     assert run(["calibrate", board.port, "--seconds", "2", "--channel", "temp", "--keep"]) == 0
-    said = capsys.readouterr().out
-    assert said.startswith("temp: r = ")
-    assert said.endswith("Kept: the board uses these values from its next start.\n")
+    out = capsys.readouterr().out
+    assert out.startswith("temp: r = ")
+    assert out.endswith("Kept: the board uses these values from its next start.\n")
     assert [line for line in board.asked if line != "?"] == ["c 2", "2 c 2", "k"]
     assert board.kept
 
@@ -55,9 +55,9 @@ def test_a_refusal_is_status_1_and_what_cannot_be_is_status_2_in_one_line(board,
     assert not board.kept
     board.refuses, board.worn = "", True
     assert run(["calibrate", board.port, "--seconds", "1", "--keep"]) == 2
-    said = capsys.readouterr()
-    assert re.findall(r"^(\w+): r = ", said.out, re.M) == ["light", "temp"]  # they are in use
-    assert said.err.startswith("kalscope: the board could not store its values: the EEPROM does not hold")
+    printed = capsys.readouterr()
+    assert re.findall(r"^(\w+): r = ", printed.out, re.M) == ["light", "temp"]  # they are in use
+    assert printed.err.startswith("kalscope: the board could not store its values: the EEPROM does not hold")
     board.knows = False
     monkeypatch.setattr(calibrate, "START_S", 0.1)
     for options, words in (

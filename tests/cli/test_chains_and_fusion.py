@@ -66,10 +66,10 @@ def type_lines(monkeypatch, text):
 def test_a_recording_and_lines_go_through_the_chains_of_the_tuning_or_the_given_one(capsys, monkeypatch):
     recording = read_recording("log.csv")
     expected = [one.filter.run(recording.channel(one.name)) for one in CHANNELS]
-    found, _ = table(capsys, "log.csv", "--config", "chains.toml")
+    filtered, _ = table(capsys, "log.csv", "--config", "chains.toml")
     for one, whole in zip(CHANNELS, expected, strict=True):
-        np.testing.assert_array_equal(found[f"{one.name}_filtered"], whole.x)
-        np.testing.assert_array_equal(found[f"{one.name}_variance"], whole.p)
+        np.testing.assert_array_equal(filtered[f"{one.name}_filtered"], whole.x)
+        np.testing.assert_array_equal(filtered[f"{one.name}_variance"], whole.p)
     type_lines(monkeypatch, "".join(f"{','.join(map(repr, row))}\n" for row in recording.values.tolist()))
     assert run(["filter", "-", "--config", "chains.toml"]) == 0
     answers = np.loadtxt(io.StringIO(capsys.readouterr().out), delimiter=",")
@@ -80,9 +80,9 @@ def test_a_recording_and_lines_go_through_the_chains_of_the_tuning_or_the_given_
         "kalman": None,
     }
     for text, chain in words.items():
-        found, _ = table(capsys, "log.csv", "--config", "chains.toml", "--channel", "c", "--chain", text)
+        filtered, _ = table(capsys, "log.csv", "--config", "chains.toml", "--channel", "c", "--chain", text)
         whole = replace(CHANNELS[2], chain=chain).filter.run(recording.channel("c"))
-        np.testing.assert_array_equal(found["c_filtered"], whole.x)
+        np.testing.assert_array_equal(filtered["c_filtered"], whole.x)
     type_lines(monkeypatch, "0\n4\n")
     assert run(["filter", "-", "--chain", "exponential 0.25"]) == 0  # only Kalman's needs q and r
     assert capsys.readouterr().out == "0.0\n1.0\n"
@@ -129,13 +129,13 @@ SLOW = f"{SOURCE}&sample_period=0.02"
 def test_the_columns_are_sensors_fused_value_and_variance_bit_for_bit(
     source, options, columns, params, note, capsys
 ):
-    found, err = table(capsys, source, "--config", "fusion.toml", *options.split())
+    filtered, err = table(capsys, source, "--config", "fusion.toml", *options.split())
     z = open_source(source).values[:, ["abc".index(one) for one in columns]]
-    assert found.dtype.names[: -1 if params.momentum else None] == ("time", *columns, "level", "level_variance")
+    assert filtered.dtype.names[: -1 if params.momentum else None] == ("time", *columns, "level", "level_variance")
     result = fuse(z, params)
     velocity = [] if result.velocity is None else [result.velocity / 0.01]
     expected = np.column_stack([z, result.x, result.p, *velocity])
-    np.testing.assert_array_equal(np.array(found.tolist())[:, 1:], expected)
+    np.testing.assert_array_equal(np.array(filtered.tolist())[:, 1:], expected)
     assert (note in err, err.count("\n")) == (True, bool(note))
 
 
@@ -161,13 +161,13 @@ def tuned(capsys, *argv):
 
 @pytest.mark.slow
 def test_json_has_what_the_library_finds(capsys):
-    found = tuned(capsys, WALK, "--fuse", "a,b,c")
+    answer = tuned(capsys, WALK, "--fuse", "a,b,c")
     best = estimate_fusion(open_source(WALK).values, names=("a", "b", "c"))
-    assert (found["q"], found["momentum"], found["verdict"]) == (best.q, best.momentum, "ok")
-    assert (found["fused"], found["r"]) == (["a", "b", "c"], best.r.tolist())
-    assert found["offset_interval"] == best.offset_interval.tolist()
-    assert sum(found["shares"]) == pytest.approx(1.0)
-    judged = found["judgement"]
+    assert (answer["q"], answer["momentum"], answer["verdict"]) == (best.q, best.momentum, "ok")
+    assert (answer["fused"], answer["r"]) == (["a", "b", "c"], best.r.tolist())
+    assert answer["offset_interval"] == best.offset_interval.tolist()
+    assert sum(answer["shares"]) == pytest.approx(1.0)
+    judged = answer["judgement"]
     assert all(judged["error"] < min(one["error"], one["error_without"]) for one in judged["sensors"])
     assert judged["headline"].startswith("The fused value has an error of ")
     assert len(judged["prediction"]["single"]) == 3
@@ -175,9 +175,9 @@ def test_json_has_what_the_library_finds(capsys):
 
 @pytest.mark.slow
 def test_a_target_is_met_while_all_sensors_answer(capsys):
-    found = tuned(capsys, WALK, "--fuse", "a,b,c", "--noise-reduction-db", "9", "--overshoot", "8")
-    assert found["steady"]["noise_reduction_db"] == pytest.approx(9.0, rel=1e-9)
-    assert found["r"] == pytest.approx([0.25, 1.0, 4.0], rel=0.3)
+    answer = tuned(capsys, WALK, "--fuse", "a,b,c", "--noise-reduction-db", "9", "--overshoot", "8")
+    assert answer["steady"]["noise_reduction_db"] == pytest.approx(9.0, rel=1e-9)
+    assert answer["r"] == pytest.approx([0.25, 1.0, 4.0], rel=0.3)
 
 
 @pytest.mark.slow
@@ -185,8 +185,8 @@ def test_what_is_known_of_a_sensor_is_kept(capsys):
     assert tuned(capsys, WALK, "--fuse", "a,b", "--r", "b=1.1")["r"][1] == 1.1
     assert tuned(capsys, WALK, "--fuse", "a,b", "--sigma", "2=3,1=2")["r"] == [4.0, 9.0]
     assert tuned(capsys, WALK, "--fuse", "a,c", "--sigma", "2")["r"] == [4.0, 4.0]
-    found = tuned(capsys, WALK, "--fuse", "a,b", "--reference", "b", "--gate", "16")
-    assert (found["offset"][1], found["gate"]) == (0.0, 16.0)
+    answer = tuned(capsys, WALK, "--fuse", "a,b", "--reference", "b", "--gate", "16")
+    assert (answer["offset"][1], answer["gate"]) == (0.0, 16.0)
 
 
 @pytest.mark.slow
@@ -197,16 +197,16 @@ def test_the_gain_of_a_sensor_in_another_unit_is_estimated(folder, capsys):
     (folder / "units.csv").write_text("time (s),inside (°C),shown (°F)\n" + "".join(rows), encoding="utf-8")
     assert run(["tune", "units.csv", "--fuse", "1,2"]) == 2
     assert "must have one unit (got inside in °C, shown in °F)" in capsys.readouterr().err
-    found = tuned(capsys, "units.csv", "--fuse", "1,2", "--sensor-gains", "--reference", "inside")
-    assert (found["unit"], found["gain"]) == ("°C", [1.0, pytest.approx(1.8, rel=0.02)])
-    assert found["offset"] == [0.0, pytest.approx(32.0, abs=0.5)]
+    answer = tuned(capsys, "units.csv", "--fuse", "1,2", "--sensor-gains", "--reference", "inside")
+    assert (answer["unit"], answer["gain"]) == ("°C", [1.0, pytest.approx(1.8, rel=0.02)])
+    assert answer["offset"] == [0.0, pytest.approx(32.0, abs=0.5)]
 
 
 @pytest.mark.slow
 def test_a_saved_fusion_filters_as_it_was_found_and_a_channel_tuned_later_leaves_it(capsys):
-    found = tuned(capsys, WALK, "--fuse", "a,c", "-o", "saved.toml")
+    answer = tuned(capsys, WALK, "--fuse", "a,c", "-o", "saved.toml")
     saved = load_tuning("saved.toml")
-    assert (saved.fusion.sensors, saved.fusion.q, list(saved.fusion.r)) == (("a", "c"), found["q"], found["r"])
+    assert (saved.fusion.sensors, saved.fusion.q, list(saved.fusion.r)) == (("a", "c"), answer["q"], answer["r"])
     assert [one.name for one in saved.channels] == ["a", "c"]
     expected = fuse(open_source(WALK).values[:, [0, 2]], saved.fusion.params).x
     columns, _ = table(capsys, WALK, "--config", "saved.toml")

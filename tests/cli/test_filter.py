@@ -229,7 +229,7 @@ for argv, others in (
 
 
 def test_help_and_version_import_neither_the_dashboard_nor_what_is_slow():
-    said = subprocess.check_output([sys.executable, "-c", HELP], text=True)
-    assert [line for line in said.splitlines() if line.startswith("loaded:")] == ["loaded:"] * 4
-    assert said.startswith(f"kalscope {version('kalscope')}\n")
-    assert "--sample-period" in said
+    printed = subprocess.check_output([sys.executable, "-c", HELP], text=True)
+    assert [line for line in printed.splitlines() if line.startswith("loaded:")] == ["loaded:"] * 4
+    assert printed.startswith(f"kalscope {version('kalscope')}\n")
+    assert "--sample-period" in printed

@@ -47,9 +47,9 @@ def test_what_a_board_sends_is_plain(tmp_path, capsys):
     with line_sender(500.0, lambda: cycle(lines)) as address:
         assert run(["record", address, "-o", str(tmp_path / f"{HOSTILE}.csv"), "--lines", "3"]) == 0
         run(["record", address, "-o", str(tmp_path / f"{HOSTILE}.csv")])  # the file is there already
-    said = "".join(capsys.readouterr())
-    assert "lines" in said
-    assert not CONTROL.search(said)
+    printed = "".join(capsys.readouterr())
+    assert "lines" in printed
+    assert not CONTROL.search(printed)
 
 
 def test_tracebacks_and_warnings_are_plain(capsys, monkeypatch):
@@ -59,9 +59,9 @@ def test_tracebacks_and_warnings_are_plain(capsys, monkeypatch):
     plain_diagnostics()
     sys.excepthook(ValueError, ValueError(HOSTILE), None)
     threading.excepthook(threading.ExceptHookArgs((ValueError, ValueError(HOSTILE), None, None)))
-    said = capsys.readouterr().err + warnings.formatwarning(UserWarning(HOSTILE), UserWarning, HOSTILE, 1)
-    assert said.count("]52;c;ZXZpbA==") == 4
-    assert not CONTROL.search(said)
+    printed = capsys.readouterr().err + warnings.formatwarning(UserWarning(HOSTILE), UserWarning, HOSTILE, 1)
+    assert printed.count("]52;c;ZXZpbA==") == 4
+    assert not CONTROL.search(printed)
 
 
 @pytest.mark.parametrize("argv", [["tune", "--help"], ["tune", "−.csv"]])

@@ -70,10 +70,10 @@ def test_spikes_are_set_aside_counted_and_gated(folder, capsys):
     lines = (folder / "bare.csv").read_text().splitlines()
     lines[20:90:20] = ["1000"] * 4
     (folder / "bare.csv").write_text("\n".join([*lines, ""]))
-    found, kept = tuned(capsys, "bare.csv"), tuned(capsys, "bare.csv", "--no-robust")
-    assert (found["outliers"], found["gate"]) == ([19, 39, 59, 79], 16.0)
-    assert (found["plain_q"], found["plain_r"], kept["outliers"]) == (kept["q"], kept["r"], None)
-    assert kept["r"] > 100.0 * found["r"]
+    answer, kept = tuned(capsys, "bare.csv"), tuned(capsys, "bare.csv", "--no-robust")
+    assert (answer["outliers"], answer["gate"]) == ([19, 39, 59, 79], 16.0)
+    assert (answer["plain_q"], answer["plain_r"], kept["outliers"]) == (kept["q"], kept["r"], None)
+    assert kept["r"] > 100.0 * answer["r"]
     text = page(capsys, "bare.csv", "--robust")
     assert ", gate 4 σ, 4 spikes set aside\n" in text
     assert "--no-robust keeps spikes" in " ".join(text.split())  # heartbeats look like spikes
@@ -81,32 +81,32 @@ def test_spikes_are_set_aside_counted_and_gated(folder, capsys):
 
 @pytest.mark.slow
 def test_json_has_what_the_library_finds_and_the_file_holds_it(folder, capsys):
-    found = tuned(capsys, "log.csv", "-o", "tuning.toml")
+    answer = tuned(capsys, "log.csv", "-o", "tuning.toml")
     recording = read_recording("log.csv")
     best = estimate(recording.channel("noisy"))
-    assert (found["q"], found["r"], found["verdict"]) == (best.q, best.r, "ok")
-    assert (found["channel"], found["unit"], found["sample_period"]) == ("noisy", "V", recording.sample_period)
-    assert found["ratio_interval"] == list(best.ratio_interval)
-    assert found["judgement"]["residuals"]["nis"] == pytest.approx(1.0)
-    assert found["judgement"]["held_out"]["n"] == 250
-    assert found["sha256"] == recording.sha256
+    assert (answer["q"], answer["r"], answer["verdict"]) == (best.q, best.r, "ok")
+    assert (answer["channel"], answer["unit"], answer["sample_period"]) == ("noisy", "V", recording.sample_period)
+    assert answer["ratio_interval"] == list(best.ratio_interval)
+    assert answer["judgement"]["residuals"]["nis"] == pytest.approx(1.0)
+    assert answer["judgement"]["held_out"]["n"] == 250
+    assert answer["sha256"] == recording.sha256
     tuning = load_tuning("tuning.toml")
     (channel,) = tuning.channels
-    assert (channel.q, channel.r, channel.how) == (found["q"], found["r"], "maximum likelihood")
-    assert (channel.name, channel.unit, tuning.sample_period) == ("noisy", "V", found["sample_period"])
-    assert (tuning.sha256, tuning.source) == (found["sha256"], str(folder / "log.csv"))
+    assert (channel.q, channel.r, channel.how) == (answer["q"], answer["r"], "maximum likelihood")
+    assert (channel.name, channel.unit, tuning.sample_period) == ("noisy", "V", answer["sample_period"])
+    assert (tuning.sha256, tuning.source) == (answer["sha256"], str(folder / "log.csv"))
 
 
 @pytest.mark.slow
 def test_a_channel_without_noise_has_a_filter_all_the_same_its_reason_and_inf_in_words(capsys):
-    found = tuned(capsys, "log.csv", "--channel", "smooth")
-    assert min(found[name] for name in ("q", "r", "ratio")) > 0.0
-    assert (found["verdict"], found["reason"]) == ("no_noise", "medium")
-    assert [one["name"] for one in found["costs"] if one["name"]] == ["light", "medium", "strong"]
-    assert found["ratio_interval"][1] == "inf"
-    (option,) = (one["option"] for one in found["advice"] if one["action"] == "ChooseFilter")
+    answer = tuned(capsys, "log.csv", "--channel", "smooth")
+    assert min(answer[name] for name in ("q", "r", "ratio")) > 0.0
+    assert (answer["verdict"], answer["reason"]) == ("no_noise", "medium")
+    assert [one["name"] for one in answer["costs"] if one["name"]] == ["light", "medium", "strong"]
+    assert answer["ratio_interval"][1] == "inf"
+    (option,) = (one["option"] for one in answer["advice"] if one["action"] == "ChooseFilter")
     stronger = tuned(capsys, "log.csv", "--channel", "smooth", *option.split())
-    assert stronger["steady"]["lag_samples"] > 1.1 * found["steady"]["lag_samples"]
+    assert stronger["steady"]["lag_samples"] > 1.1 * answer["steady"]["lag_samples"]
 
 
 # ---- what the user knows and wishes
@@ -117,20 +117,20 @@ def test_a_channel_without_noise_has_a_filter_all_the_same_its_reason_and_inf_in
 def test_a_wish_is_met_exactly(wish, capsys):
     option, value, field, met = wish.split()
     for channel in ("noisy", "stuck"):
-        found = tuned(capsys, "log.csv", f"--{option}", value, "--channel", channel)
-        assert found["steady"][field] == pytest.approx(float(met), rel=1e-9)
-        assert found["verdict"] == "chosen"
+        answer = tuned(capsys, "log.csv", f"--{option}", value, "--channel", channel)
+        assert answer["steady"][field] == pytest.approx(float(met), rel=1e-9)
+        assert answer["verdict"] == "chosen"
 
 
 @pytest.mark.slow
 def test_an_overshoot_is_met_together_with_the_lag_and_saved(capsys):
     wish = ("log.csv", "--lag-ms", "150", "--overshoot", "8%", "--channel", "noisy")
-    found = tuned(capsys, *wish, "-o", "t.toml")
-    assert found["steady"]["lag_s"] == pytest.approx(0.15, rel=1e-9)
-    assert found["steady"]["overshoot"] == pytest.approx(0.08, rel=1e-6)
-    assert found["how"].endswith("and 8 % overshoot")
+    answer = tuned(capsys, *wish, "-o", "t.toml")
+    assert answer["steady"]["lag_s"] == pytest.approx(0.15, rel=1e-9)
+    assert answer["steady"]["overshoot"] == pytest.approx(0.08, rel=1e-6)
+    assert answer["how"].endswith("and 8 % overshoot")
     saved = load_tuning("t.toml").channel("noisy")
-    assert (saved.q, saved.r, saved.momentum) == (found["q"], found["r"], found["momentum"])
+    assert (saved.q, saved.r, saved.momentum) == (answer["q"], answer["r"], answer["momentum"])
     assert "overshoot (step)  8.0 %" in page(capsys, *wish, "--details")
 
 

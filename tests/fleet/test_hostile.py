@@ -1,4 +1,4 @@
-"""Hostile files and names: each file is one row, the counts add up, and all that is said or written is plain."""
+"""Hostile files and names: each file is one row, the counts add up, and all that is printed or written is plain."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ HOSTILE = "".join(TERMINAL).replace("\0", "")
 def test_each_hostile_file_is_one_row_and_one_count(tmp_path, at_once, capsys, monkeypatch):
     monkeypatch.setattr(files, "MAX_UNPACKED", BOMB // 2)
     count, out = write_hostile(tmp_path / "logs"), tmp_path / "out"
-    said = run_here(capsys, tmp_path / "logs", "-o", out)
+    printed = run_here(capsys, tmp_path / "logs", "-o", out)
     rows = table(out)
     assert len(rows) == len({row["id"] for row in rows}) == count > 50
     for row in rows:
@@ -83,32 +83,30 @@ def test_each_hostile_file_is_one_row_and_one_count(tmp_path, at_once, capsys, m
     failed = sum(row["verdict"] == "failed" for row in rows)
     fitted = sum(row["q"] is not None for row in rows)
     counted = f"{count} rows: {fitted} with q and r, {count - fitted - failed} without, {failed} failed"
-    assert said.out.startswith(f"{counted}; {count} of {count} files or row groups done in ")
+    assert printed.out.startswith(f"{counted}; {count} of {count} files or row groups done in ")
     assert about_fleet(read_fleet(out)).replace("\\", "").startswith(counted)
-    assert not CONTROL.search(said.out + said.err)
+    assert not CONTROL.search(printed.out + printed.err)
     assert files_of(out) == ANSWER
 
 
 @pytest.mark.slow
-def test_what_a_fleet_says_and_writes_of_hostile_names_is_plain(tmp_path, at_once, capsys):
+def test_what_a_fleet_prints_and_writes_of_hostile_names_is_plain(tmp_path, at_once, capsys):
     logs, out = tmp_path / "logs", tmp_path / f"out{HOSTILE}"
     write_devices(logs, 1)
     rows = (logs / "dev0000.csv").read_text().split("\n", 2)[2]
     (logs / f"{HOSTILE}.csv").write_text(f'time (s),"{HOSTILE} ({HOSTILE})"\n{rows}', encoding="utf-8")
     (logs / f"{HOSTILE}.png").write_bytes(b"\x89PNG\r\n\x1a\n")
     (tmp_path / f"{HOSTILE}.txt").write_text(f"logs/{HOSTILE}.csv\n", encoding="utf-8", newline="")
-    said = [
+    printed = [
         run_here(capsys, logs, "-o", out, *PLAIN, "--channel", HOSTILE),
         run_here(capsys, logs / HOSTILE, "-o", out, expect=2),
         run_here(capsys, f"@{tmp_path / HOSTILE}.txt", "-o", out),
         run_here(capsys, logs, "-o", logs / f"{HOSTILE}.csv", expect=2),
         run_here(capsys, logs, "-o", out, *PLAIN),
     ]
-    texts = {
-        path.name: path.read_text(encoding="utf-8") for path in out.iterdir() if path.suffix in (".json", ".toml")
-    }
-    assert len(texts) == 2
-    assert sum("]52;c;ZXZpbA==" in text for one in said for text in one) >= len(said)
-    assert [text for one in said for text in one if CONTROL.search(text)] == []
-    assert [name for name, text in texts.items() if CONTROL.search(text)] == []
-    assert all(one.err.count("\n") <= 1 for one in said)
+    texts = [text for one in printed for text in one]
+    assert sum("]52;c;ZXZpbA==" in text for text in texts) >= len(printed)
+    written = [path.read_text("utf-8") for path in out.iterdir() if path.suffix in (".json", ".toml")]
+    assert len(written) == 2
+    assert [text for text in (*texts, *written) if CONTROL.search(text)] == []
+    assert all(one.err.count("\n") <= 1 for one in printed)

@@ -76,9 +76,9 @@ def test_the_options_of_tune_hold_for_every_recording(tmp_path, at_once, capsys)
 
 def test_a_goal_in_time_needs_a_sample_period(tmp_path, at_once, capsys):
     (tmp_path / "a.csv").write_text("1\n3\n2\n4\n" * 9)
-    said = run_here(capsys, tmp_path / "a.csv", "-o", tmp_path / "out", "--lag-ms", "50").out
+    printed = run_here(capsys, tmp_path / "a.csv", "-o", tmp_path / "out", "--lag-ms", "50").out
     reason = "a lag of 50 ms needs the time between two samples: give --sample-period (got none)"
-    assert f"1 × {reason}\nNo filter for all: {reason}\n" in said
+    assert f"1 × {reason}\nNo filter for all: {reason}\n" in printed
 
 
 TIMED_OUT = "timed_out", "it must be read and fitted within 0.5 s (got no result)"
