@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from tests.browser.screen import FIND, filtered
+from tests.support.waiting import wait_until
 
 from kalscope import FilterParams, estimate, kalman_filter, open_source, steady_state
 from kalscope.common.text import lag_text
@@ -64,12 +65,17 @@ def test_a_click_takes_a_lag_and_momentum_is_typed_dragged_and_seen_as_velocity(
     )
     screen.page.mouse.click(at, top)
     screen.page.get_by_text("What each lag costs.").wait_for()  # at this lag momentum would not help
-    marks, now = screen.line("this filter")
-    lag = float(marks[np.isfinite(now)][0])
-    assert lag == pytest.approx(wanted, rel=0.05)
+
+    def marked():
+        """Lag and noise left of the filter on screen, ms and %."""
+        marks, now = screen.line("this filter")
+        return marks[np.isfinite(now)][0], now[np.isfinite(now)][0]
+
+    wait_until(lambda: marked()[0] == pytest.approx(wanted, rel=0.05), "the mark at the lag")
+    lag, left = marked()
     params = find_parameters(DEMO, Request(target={"lag_samples": lag / 20.0})).params
     screen.wait_for_line("filtered", kalman_filter(DEMO, params).x, 1e-6)
-    assert now[np.isfinite(now)] == pytest.approx(100.0 * noise_left(params), rel=1e-6)
+    assert left == pytest.approx(100.0 * noise_left(params), rel=1e-6)
     screen.press("Undo")
 
     screen.open_more()

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from tests.browser.screen import LEAVE, Screen, filtered
 from tests.support.effort import FUZZ
-from tests.support.waiting import wait_until
 
 from kalscope import kalman_filter, open_source
 from kalscope.estimation.request import starting_params
@@ -157,7 +156,7 @@ def test_help_hints_commands_and_headings_lead_to_every_action(start):
     slider.focus()
     screen.page.keyboard.press("ArrowRight")  # viser would turn its camera
     screen.page.keyboard.press("Shift")
-    wait_until(lambda: slider.get_attribute("aria-valuenow") != before, "the slider moves")
+    screen.wait("([at, before]) => at.ariaValueNow !== before", [slider.element_handle(), before])
     screen.wait("() => heard.join() === 'Shift'")
     screen.wait("() => document.querySelector('[role=status]').textContent === 'fits'")  # it is read out
 

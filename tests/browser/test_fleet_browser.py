@@ -45,7 +45,7 @@ def test_a_fleet_is_listed_and_its_devices_open_from_the_table_and_the_map(start
     fleet = read_fleet(folder)
     screen.type("path", str(folder))
     page.get_by_text(re.compile(r"13 rows: 12 with q and r, 1 failed")).wait_for()
-    assert "dev03.csv" in page.locator("table", has_text="device").locator("tr").nth(1).inner_text()
+    page.locator("table", has_text="device").locator("tr").nth(1).get_by_text("dev03.csv").wait_for()
     content = screen.download("Download page")
     assert content.startswith(b"<!doctype html>")
     assert b"13 rows: 12 with q and r, 1 failed" in content

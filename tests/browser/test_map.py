@@ -73,16 +73,6 @@ class MapScreen:
         x, y = scale * (x - 0.5 * self.size[0]), scale * (y - 0.5 * self.size[1])
         return left + 0.5 * width + x, top + 0.5 * height + y
 
-    def settle(self, before):
-        """Until q and r are others than before and have rested for a second."""
-
-        def rested():
-            now = self.q_and_r()
-            self.page.wait_for_timeout(500)
-            return now if now == self.q_and_r() != before else None
-
-        return wait_until(rested, f"a change of q and r from {before}")
-
 
 def test_dragging_the_point_tunes_live_as_one_gesture_and_the_last_value_of_a_dragged_slider_wins(start):
     screen = MapScreen(start(LONG), LONG)
@@ -92,11 +82,17 @@ def test_dragging_the_point_tunes_live_as_one_gesture_and_the_last_value_of_a_dr
     first = starting_params(z)
     q, r = first.q, first.r
 
-    def wait_for_filter(q, r):
-        expected = kalman_filter(z, replace(first, q=q, r=r)).x[drawn]
-        screen.wait_for_line("filtered", expected, tolerance=1e-9)
+    def wait_for(q, r, decades=1e-6):
+        wait_until(lambda: is_filter_of(q, r, decades), f"the filter of about {q:.3g} and {r:.3g}", pause=0.1)
 
-    wait_for_filter(q, r)
+    def is_filter_of(q, r, decades=1e-6):
+        """Whether about this pair stands in the boxes, and the curve is the filter of it."""
+        now = screen.q_and_r()
+        expected = kalman_filter(z, replace(first, q=now[0], r=now[1])).x[drawn]
+        near = pytest.approx(np.log10([q, r]), abs=decades)
+        return np.log10(now) == near and np.allclose(screen.line("filtered")[1], expected, rtol=0, atol=1e-4)
+
+    wait_for(q, r)
     beside = np.array([6, -5])  # a drag that begins near the mark takes hold of it, as it is
     x, y = screen.at(q, r) + beside
     to_x, to_y = screen.at(100 * q, r / 30) + beside
@@ -105,27 +101,28 @@ def test_dragging_the_point_tunes_live_as_one_gesture_and_the_last_value_of_a_dr
     for step in range(1, 17):
         screen.page.mouse.move(x + (to_x - x) * step / 16, y + (to_y - y) * step / 16)
         if step == 8:
+            wait_for(10 * q, r / 30**0.5, 0.1)
             screen.page.wait_for_timeout(1500)  # a rest with the button held does not end the gesture
-            during = screen.q_and_r()
-            wait_for_filter(*during)
-            assert np.log10(during) == pytest.approx(np.log10([10 * q, r / 30**0.5]), abs=0.1)
     screen.page.mouse.up()
-    new = screen.settle(during)
-    assert np.log10(new) == pytest.approx(np.log10([100 * q, r / 30]), abs=0.05)
-    wait_for_filter(*new)
+    wait_for(100 * q, r / 30, 0.05)
     screen.press("Undo")
-    wait_for_filter(q, r)
+    wait_for(q, r)
 
     thumb = screen.slider("q")
-    for turn in range(2):
+    for way in (1, -1):
         box = thumb.bounding_box()
         x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
         screen.page.mouse.move(x, y)
         screen.page.mouse.down()
         for step in range(12):
-            screen.page.mouse.move(x + (-1) ** turn * 3 * step, y)
+            screen.page.mouse.move(x + way * 3 * step, y)
         screen.page.mouse.up()
-        wait_for_filter(float(f"{10.0 ** float(thumb.get_attribute('aria-valuenow')):.2e}"), r)
+
+        def is_at_the_end(end=box["x"] + way * 33):
+            q = float(f"{10.0 ** float(thumb.get_attribute('aria-valuenow')):.2e}")
+            return abs(thumb.bounding_box()["x"] - end) < 3 and is_filter_of(q, r)
+
+        wait_until(is_at_the_end, "the last value of the drag", pause=0.1)
 
 
 def test_the_map_fits_its_canvas_in_both_themes_and_at_three_sizes_and_is_magnified_and_moved(start):
@@ -154,9 +151,8 @@ def test_the_map_fits_its_canvas_in_both_themes_and_at_three_sizes_and_is_magnif
 
     turn_wheel(-1)
     wait_until(lambda: not screen.is_drawn(screen.look()), "the map magnified", pause=0.2)
-    before = screen.q_and_r()
-    mouse.click(x, y)  # what is under the mouse stays there
-    assert screen.settle(before) == pytest.approx([q, r], rel=0.06)  # the mouse is told in whole pixels
+    mouse.click(x, y)  # what is under the mouse stays there; the mouse is told in whole pixels
+    wait_until(lambda: screen.q_and_r() == pytest.approx([q, r], rel=0.06), "the pair under the mouse", pause=0.1)
     magnified = screen.look()
     mouse.move(x, y)
     mouse.down(button="right")

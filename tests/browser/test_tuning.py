@@ -8,7 +8,6 @@ import re
 import pytest
 from tests.browser.screen import FIND, filtered
 from tests.support.effort import FUZZ
-from tests.support.waiting import wait_until
 
 from kalscope import open_source
 from kalscope_app.session.changes import select_channel, set_text, share_line
@@ -158,9 +157,8 @@ def test_a_channel_keeps_its_values_the_line_reopens_them_and_channels_are_tuned
     state = opened(open_source("sample:lis302dl"))
     for change in (select_channel("z"), set_text("q", "7"), set_text("p0", "2")):
         state = change(state)
-    texts = "(boxes) => boxes.map(box => box.value)"  # it follows the chart; `test_share.py` reopens such lines
-    boxes = screen.page.locator("textarea")
-    wait_until(lambda: share_line(state).line in boxes.evaluate_all(texts), "the line on screen")
+    reopens = "(line) => [...document.querySelectorAll('textarea')].some(box => box.value === line)"
+    screen.wait(reopens, share_line(state).line)  # it follows the chart; `test_share.py` reopens such lines
 
     screen.tab("Tune")
     screen.choose("channel", "x")
