@@ -21,8 +21,6 @@ from tests.support.waiting import PATIENCE
 
 ROOT = Path(__file__).parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
-ON_CONDA_FORGE = {"matplotlib": "matplotlib-base"}
-"""Packages that have another name there."""
 
 
 def python(code, **options):
@@ -102,7 +100,7 @@ def test_the_recipe_for_conda_needs_what_the_package_needs():
     recipe = yaml.safe_load(re.sub(r"\$\{\{ (\w+) \}\}", lambda name: context[name[1]], text))
     project = PROJECT["project"]
     needed = [re.fullmatch(r"([\w-]+)(.*)", one).groups() for one in project["dependencies"]]
-    wanted = {f"{ON_CONDA_FORGE.get(name, name)} {version}" for name, version in needed}
+    wanted = {f"{name.replace('matplotlib', 'matplotlib-base')} {version}" for name, version in needed}
     assert set(recipe["requirements"]["run"]) == {f"python {project['requires-python']}"} | wanted
     assert recipe["requirements"]["host"][2:] == [re.sub(">=", " >=", PROJECT["build-system"]["requires"][0])]
     assert recipe["package"] == {"name": project["name"], "version": project["version"]}

@@ -63,7 +63,7 @@ def test_a_rerun_does_only_what_is_missing_or_changed(tmp_path, at_once, capsys)
 
 
 @pytest.mark.slow
-def test_the_options_of_tune_hold_for_every_recording(tmp_path, at_once, capsys):
+def test_the_options_of_tune_hold_for_every_recording_and_a_goal_needs_a_sample_period(tmp_path, at_once, capsys):
     write_devices(tmp_path / "logs", 3)
     run_here(capsys, tmp_path / "logs", "-o", tmp_path / "out", "--lag-ms", "30", "--rate", "200", "--gate", "9")
     for row in table(tmp_path / "out"):
@@ -72,9 +72,6 @@ def test_the_options_of_tune_hold_for_every_recording(tmp_path, at_once, capsys)
         assert row["gate"] == 9.0
     refused = run_here(capsys, tmp_path / "logs", "-o", tmp_path / "out", "--channel", "dark")
     assert "3 × channel must be one of light (got 'dark')" in refused.out
-
-
-def test_a_goal_in_time_needs_a_sample_period(tmp_path, at_once, capsys):
     (tmp_path / "a.csv").write_text("1\n3\n2\n4\n" * 9)
     printed = run_here(capsys, tmp_path / "a.csv", "-o", tmp_path / "out", "--lag-ms", "50").out
     reason = "a lag of 50 ms needs the time between two samples: give --sample-period (got none)"
