@@ -3,7 +3,6 @@
 import ast
 import os
 import shutil
-import signal
 import socket
 import subprocess
 import threading
@@ -11,6 +10,7 @@ from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
+import psutil
 import pytest
 from tests.sources.scripted_port import kept, lines
 from tests.support.program import free_port
@@ -98,25 +98,19 @@ class SshServer:
 
     def cut(self):
         """End every connection, as a router that is switched off does."""
-        for pid in descendants(self.process.pid):
-            if Path(f"/proc/{pid}/comm").read_text().startswith("sshd"):
-                os.kill(pid, signal.SIGKILL)
+        for process in self.descendants():
+            if process.name().startswith("sshd"):
+                process.kill()
 
     def close(self):
-        for pid in (*descendants(self.process.pid), self.process.pid):
-            with suppress(OSError):
-                os.kill(pid, signal.SIGKILL)
+        for process in (*self.descendants(), self.process):
+            with suppress(psutil.NoSuchProcess):
+                process.kill()
         self.process.wait()
 
-
-def descendants(parent):
-    """The processes that a process has started, and those that they have."""
-    found = []
-    for entry in os.listdir("/proc"):
-        with suppress(OSError, ValueError):
-            if int(Path(f"/proc/{entry}/stat").read_text().rsplit(")", 1)[1].split()[1]) == parent:
-                found += [int(entry), *descendants(int(entry))]
-    return found
+    def descendants(self):
+        """The processes that the server has started, and those that they have."""
+        return psutil.Process(self.process.pid).children(recursive=True)
 
 
 pytestmark = pytest.mark.usefixtures("no_thread_left")
@@ -136,7 +130,7 @@ def pi(server, monkeypatch, wait_for):
     """The server, as the `ssh` of this computer knows it; at the end nothing runs there any more."""
     monkeypatch.setenv("PATH", f"{server.bin}:/usr/bin:/bin")
     yield server
-    wait_for(lambda: not descendants(server.process.pid))
+    wait_for(lambda: not server.descendants())
 
 
 def values(live):
