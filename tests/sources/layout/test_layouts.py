@@ -150,22 +150,13 @@ TRACE = lines("{:.3e},{:.3f},{:.3f},", t=T * 1e-5 - 1e-4, a=A, b=B)
 FILES = {
     "rigol settings": (
         ['"Number of Data points =",60,', '"Sampling Frequency (Hz)=",100000,', '"Channel Data","CH 1","CH 2"',
-         '"Time (s)","Voltage (V)","Voltage (V)"', *[line[:-1] for line in TRACE], ",,"],
-        "CH 1|CH 2", "V V", 1e-5,
-    ),
-    "tektronix beside": (
-        [f"{key},,  {line}" for key, line in zip(
+         '"Time (s)","Voltage (V)","Voltage (V)"', *[line[:-1] for line in TRACE], ",,"], "CH 1|CH 2", "V V", 1e-5),
+    "tektronix beside": ([f"{key},,  {line}" for key, line in zip(
             ["Record Length,60", "Sample Interval,1.0e-05", ",", "Source,CH2", "Vertical Units,V", *[","] * 55],
-            lines("{:.6f},  {:.3f},", t=T * 1e-5, a=A), strict=True)],
-        "CH2", "V", 1e-5,
-    ),
-    "tektronix above": (
-        ["Model,MDO3014", "Waveform Type,ANALOG,", "Horizontal Units,s,", "Sample Interval,1e-05,",
-         "Vertical Units,V,A", ",,", "TIME,CH1,CH2", *TRACE],
-        "CH1 CH2", "V A", 1e-5,
-    ),
-    "picoscope": (
-        ["Time,Channel A,Channel B", "(ms),(V),(mV)", ",", *lines("{:.5f},{},{}", t=T * 0.01, a=A, b=B)],
+            lines("{:.6f},  {:.3f},", t=T * 1e-5, a=A), strict=True)], "CH2", "V", 1e-5),
+    "tektronix above": (["Model,MDO3014", "Waveform Type,ANALOG,", "Horizontal Units,s,", "Sample Interval,1e-05,",
+         "Vertical Units,V,A", ",,", "TIME,CH1,CH2", *TRACE], "CH1 CH2", "V A", 1e-5),
+    "picoscope": (["Time,Channel A,Channel B", "(ms),(V),(mV)", ",", *lines("{:.5f},{},{}", t=T * 0.01, a=A, b=B)],
         "Channel A|Channel B", "V mV", 1e-5,
     ),
     "campbell": (
@@ -174,11 +165,8 @@ FILES = {
          *lines('"2014-01-01 00:{:02d}:00",{},{},{}', t=T, n=T + 7, a=A, b=B)],
         "RECORD BattV AirT_Avg", "RN|V|Deg C", 60.0,
     ),
-    "empatica": (
-        ["1551453301.000000, 1551453301.000000, 1551453301.000000", "32.000000, 32.000000, 32.000000",
-         *lines("{},{},{}", a=A, b=B, c=T)],
-        "value 1|value 2|value 3", "- - -", 1 / 32,
-    ),
+    "empatica": (["1551453301.000000, 1551453301.000000, 1551453301.000000", "32.000000, 32.000000, 32.000000",
+         *lines("{},{},{}", a=A, b=B, c=T)], "value 1|value 2|value 3", "- - -", 1 / 32),
     "rate above": (["# Sampling Rate: 250 Hz", "ax,ay", *lines("{},{}", a=A, b=B)], "ax ay", "- -", 0.004),
 }  # fmt: skip
 
