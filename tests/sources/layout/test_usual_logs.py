@@ -202,12 +202,6 @@ def test_a_common_factor_is_named(read):
     np.testing.assert_array_equal(recording.values[:, 0], A)
 
 
-def test_one_signal_written_row_by_row_is_asked_about(read):
-    values = [A[i % N] for i in range(7 * N)]
-    text = "NPTS= 280\n" + "".join(" ".join(map(str, values[i : i + 7])) + "\n" for i in range(0, len(values), 7))
-    assert any("written row by row" in said for said in read(text).report.assumptions)
-
-
 def test_what_could_be_one_number_or_two_is_asked_about(read):
     text = rows(lambda i: f"1.0{10 + i % 9},25\n")
     assert "it could also be 1 column: --delimiter semicolon" in read(text).report.notes
@@ -228,6 +222,7 @@ def test_a_label_that_is_lost_shifts_no_other(read):
     ("t,a\n" + rows(lambda i: f"{5012 + 2000 * i + (i % 9 == 0)},{A[i]}\n"),
         "0.500 Hz; one every 33.3 min with --time-unit s, 500 Hz"),
     ("time,a\n" + rows(lambda i: f"03/04/2025 {clock(i)},{A[i]}\n"), "read day first"),
+    ("NPTS= 280\n" + rows(lambda i: f"{' '.join(str(A[(7 * i + k) % N]) for k in range(7))}\n"), "row by row"),
     ("t,a\n" + rows(lambda i: f"{1000 * (i // 10 * 10 - i % 10)},{A[i]}\n"), "rows of the file step back"),
     ("Time [s],Channel 0\n" + rows(lambda i: f"{CHANGES[i]:.7f},{i % 2}\n"), "the stamps have no rate"),
     ("t,r\n" + rows(lambda i: f"{i},{A[i]}{'k' * (i % 3 > 0)}\n"), '"20.0" in "r" is in k as well'),

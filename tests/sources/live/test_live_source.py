@@ -65,11 +65,10 @@ def test_a_board_plugged_in_again_goes_on_with_the_true_pause_and_one_missing_ro
     wait_for(lambda: kept(live) == 201)
     whole, status = time.monotonic() - begin, live.status()
     live.close()
-    for recording in (live.snapshot().recording, read_recording(tmp_path / "run.csv")):
+    for recording in (read_recording(tmp_path / "run.csv"), live.snapshot().recording):
         values = recording.values[np.isfinite(recording.values).all(axis=1)]
         np.testing.assert_array_equal(values[:, 0], np.arange(200))
         assert recording.names == ("a", "b")
-    recording = live.snapshot().recording
     assert np.isnan(recording.values[100]).all()
     assert 0.3 <= recording.time[101] - recording.time[99] <= whole
     assert (status.reconnects, status.dropped, status.hint, status.recording.error) == (1, 3, "", "")

@@ -12,10 +12,8 @@ from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
 from kalscope.sources.reading.recording_file import read_recording
 
 SHARED = Path(__file__).parents[3] / "../shared/data"
-pytestmark = [
-    pytest.mark.slow,
-    pytest.mark.skipif(not SHARED.is_dir(), reason="shared/data is not beside the repository"),
-]
+HERE = SHARED.is_dir()
+pytestmark = [pytest.mark.slow, pytest.mark.skipif(not HERE, reason="shared/data is not beside the repository")]
 
 TWINS = (
     *("02_semicolon_decimalcomma.csv", "03_comments.csv", "04_boot_text.csv", "06_bom.csv", "07_crlf.csv"),
@@ -46,10 +44,6 @@ def read(name, options=DEFAULTS):
     return read_recording(SHARED / name, options)
 
 
-def read_messy(name):
-    return read(f"messy/{name}")
-
-
 def assert_accounted(report):
     """Each line is in one count."""
     assert report.rows + report.rejected + report.blank + report.comments + report.headers == report.lines
@@ -57,27 +51,23 @@ def assert_accounted(report):
 
 @pytest.mark.parametrize("name", MESSY)
 def test_a_messy_file_reads_as_expected(name):
-    report = read_messy(name).report
-    rows, rejected, cells = MESSY[name]
-    assert report.rows == len(read_messy(name)) == rows
+    recording, clean = read(f"messy/{name}"), read("messy/01_clean.csv")
+    report, (rows, rejected, cells) = recording.report, MESSY[name]
+    assert report.rows == len(recording) == rows
     assert [issue.line for issue in report.issues if issue.column is None] == rejected
     assert [(issue.line, issue.column, issue.text) for issue in report.issues if issue.column] == cells
     assert_accounted(report)
-
-
-@pytest.mark.parametrize("name", TWINS)
-def test_messy_twins_of_the_clean_file_equal_it(name):
-    clean, twin = read_messy("01_clean.csv"), read_messy(name)
-    assert twin.names == clean.names == ("temp", "dist")
-    np.testing.assert_array_equal(twin.time, clean.time)
-    np.testing.assert_array_equal(twin.values, clean.values)
+    if name in TWINS:
+        assert recording.names == clean.names == ("temp", "dist")
+        np.testing.assert_array_equal(recording.time, clean.time)
+        np.testing.assert_array_equal(recording.values, clean.values)
 
 
 def test_messy_times_and_late_values_are_right():
     for name in ("19_iso_time.csv", "26_arduino_ide_ts.txt"):
-        np.testing.assert_allclose(np.diff(read_messy(name).time), 0.1, atol=1e-9)
-    np.testing.assert_array_equal(read_messy("20_late_type.csv").values[-3:, 0], [20.55, np.nan, 21.25])
-    mixed = np.isnan(read_messy("10_mixed_types.csv").values)
+        np.testing.assert_allclose(np.diff(read(f"messy/{name}").time), 0.1, atol=1e-9)
+    np.testing.assert_array_equal(read("messy/20_late_type.csv").values[-3:, 0], [20.55, np.nan, 21.25])
+    mixed = np.isnan(read("messy/10_mixed_types.csv").values)
     assert np.argwhere(mixed).tolist() == [[7, 0], [20, 0], [25, 0], [30, 0], [30, 1]]
 
 
@@ -167,8 +157,7 @@ def test_a_sequence_number_with_holes_gives_rows_of_missing_samples(name, rows, 
     options = ReadOptions(time_column="seq", gaps="missing")
     recording = read_recording(SHARED / "tof_mcu_kalman" / name, options)
     assert (recording.report.rows, recording.report.inserted, len(recording)) == (rows, steps - rows, steps)
-    samples = recording.channel("tof_distance_mm")
-    assert np.count_nonzero(np.isfinite(samples)) == rows
+    assert np.count_nonzero(np.isfinite(recording.channel("tof_distance_mm"))) == rows
 
 
 def test_repeated_and_backward_stamps_are_counted_and_named():
