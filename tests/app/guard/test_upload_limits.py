@@ -138,6 +138,17 @@ def test_an_oversize_upload_is_refused_before_a_part_is_stored(bench, scope):
         assert bench.refused.empty()
 
 
+def test_a_refused_upload_frees_the_button(bench):
+    """The browser disables its button until the last acknowledgement, which would never come."""
+    uuid, sent = bench.buttons["client"]._impl.uuid, []
+    next(iter(bench.running.server.get_clients().values()))._websock_connection.queue_message = sent.append
+    bench.start(uuid, CAP + 1, 3, "big")
+    bench.refused.get(timeout=PATIENCE)
+    done, removed = sent
+    assert (done.source_component_uuid, done.transferred_bytes, done.total_bytes) == (uuid, 0, 0)
+    assert removed.uuid == "upload-big"
+
+
 def test_one_upload_runs_at_a_time_and_no_other_client_can_replace_it_or_add_to_it(bench):
     shared, own = bench.buttons["shared"]._impl.uuid, bench.buttons["client"]._impl.uuid
     bench.start(shared, 2, 1, "a")

@@ -20,7 +20,7 @@ from kalscope_app.views.goal import SEARCH_METHODS
 
 EXAMPLES = dict[actions.Action, str]([
     *((actions.Scale(10.0, 0.5), "Raise q 10 × and lower r 2 ×"), (actions.Scale(172.0, 1.0), "Raise q 200 ×")),
-    (actions.Scale(5000.0, 0.02), "Raise q 1000 × or more and lower r 50 ×"),
+    (actions.Scale(901.0, 0.02), "Raise q 1000 × or more and lower r 50 ×"),
     *((actions.SetGate(4.0), "Switch the gate on (4 σ)"), (actions.SetGate(None), "Switch the gate off")),
     *((actions.EstimateAgain(), "Fit again"), (actions.AddMomentum(9.0), "Add momentum at this lag")),
     *((actions.AddTwoSpeeds(), "Add two speeds"), (actions.AddNotch(), "Add a notch")),
