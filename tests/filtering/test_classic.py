@@ -74,12 +74,6 @@ def holding(z, of_finite):
     return out
 
 
-def mean_of(seen, window):
-    return np.array(
-        [math.fsum(seen[max(0, i + 1 - window) : i + 1]) / min(i + 1, window) for i in range(len(seen))]
-    )
-
-
 @pytest.mark.slow
 def test_each_is_what_scipy_and_numpy_compute():
     from scipy.ndimage import median_filter
@@ -99,11 +93,16 @@ def test_each_is_what_scipy_and_numpy_compute():
     def notch(frequency, width):
         return lambda seen: lfilter(*iirnotch(2 * frequency, frequency / width), seen - seen[0]) + seen[0]
 
+    def mean(window):
+        return lambda seen: [
+            math.fsum(seen[max(0, i - window) : i]) / min(i, window) for i in range(1, len(seen) + 1)
+        ]
+
     cases = [(Notch(*of), notch(*of)) for of in ((0.01, 0.001), (0.2, 0.05), (0.49, 0.2))]
     cases += [(Butterworth(f), low_pass(f)) for f in (0.49, 0.1, 0.003)]
     cases += [(Exponential(a), smoothing(a)) for a in (1.0, 0.4, 0.002)]
     cases += [(Median(n), middle(n)) for n in (1, 3, 9, 201, LONGEST)]
-    cases += [(MovingAverage(n), lambda seen, n=n: mean_of(seen, n)) for n in (1, 2, 9, 500)]
+    cases += [(MovingAverage(n), mean(n)) for n in (1, 2, 9, 500)]
     for stage, oracle in cases:
         bound = 0.0 if isinstance(stage, Median) else 1e-12 * np.nanmax(np.abs(z))
         apart = np.abs(filtered(z, stage) - holding(z, oracle))
@@ -152,8 +151,8 @@ def test_one_euro_is_its_published_lines_also_over_uneven_steps():
 
 def test_one_euro_of_two_samples_at_one_moment_or_of_any_speed_stays_finite():
     z, dt = np.array([1.0, 5.0, 5.0, 2.0]), np.array([1.0, 0.0, 1.0, 0.0])
-    out = RunningStage(OneEuro(0.1, 0.0, 0.1)).take(z, dt)
-    assert (out[1], out[3]) == (1.0, out[2])
+    _, second, third, last = RunningStage(OneEuro(0.1, 0.0, 0.1)).take(z, dt)
+    assert (second, last) == (1.0, third)
     huge = np.array([0.0, 1e30, -1e30, 3.0], dtype=np.float32)
     for kind in (np.float64, np.float32):
         assert np.array_equal(filtered(huge, OneEuro(1.0, 1e30, 1.0), kind)[:3], huge[:3])
@@ -209,7 +208,7 @@ def test_what_is_no_setting_is_refused_in_words(make, says):
 
 def test_a_linear_filter_settles_by_formula_as_its_answer_to_a_step_and_to_a_wave():
     impulse, n = np.zeros(4000), 2000
-    impulse[n:] = np.r_[1.0, np.zeros(n - 1)]
+    impulse[n] = 1.0
     step = np.cumsum(impulse)
     for stage in (MovingAverage(25), Exponential(0.07), Butterworth(0.012)):
         found = settled(Chain(1, stage), impulse, period=0.01)
@@ -236,8 +235,7 @@ def test_a_median_or_a_one_euro_filter_is_measured_on_the_noise_and_speed_of_the
     assert both.noise_reduction_db == pytest.approx(-10 * np.log10(np.mean(left**2)), abs=0.3)
     middle = settled(Chain(1, Median(9)), z, period=2.0)
     assert middle.lag_s == pytest.approx(8.0, abs=0.1)
-    assert math.isnan(middle.gain)
-    assert math.isnan(middle.cutoff_hz)
+    assert np.isnan([middle.gain, middle.cutoff_hz]).all()
     slow, quick = (settled(Chain(3, OneEuro(0.01, beta, 0.01)), z) for beta in (0.0, 3.0))
     assert quick.lag_samples < 0.5 * slow.lag_samples
     assert slow.noise_reduction_db > quick.noise_reduction_db + 3
