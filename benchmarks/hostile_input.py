@@ -26,9 +26,8 @@ from machine import cpu_seconds
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from tests.app.attack_table import ATTACKS, Victim, seen_by
 from tests.app.wire import Guest
+from tests.sources.hostile_files import PACKED, SPECIAL, TEXTS
 from tests.sources.live.test_hostile_boards import BOARDS, send
-from tests.sources.packed_files import PACKED
-from tests.sources.text_files import SPECIAL, TEXTS
 from tests.support.hostile_case import Case
 
 from kalscope.common.text import count

@@ -16,8 +16,7 @@ from tests.support.required import needs
 
 needs("duckdb", "h5py", "nptdms", "python_calamine", "zstandard")
 
-from tests.sources.packed_files import PACKED  # noqa: E402
-from tests.sources.text_files import SPECIAL, TEXTS  # noqa: E402
+from tests.sources.hostile_files import PACKED, SPECIAL, TEXTS  # noqa: E402
 
 from kalscope.common.text import CONTROL  # noqa: E402
 
