@@ -40,6 +40,10 @@ class Victim:
         return f"kalscope_{self.port}={self.token}"
 
 
+Act = Callable[[Victim], str]
+"""Does something to a server; returns what was seen."""
+
+
 @dataclass(frozen=True)
 class Attack:
     """One row."""
@@ -48,7 +52,7 @@ class Attack:
     """Who does what."""
     expected: str
     """What must be seen at Kalscope."""
-    perform: Callable[[Victim], str]
+    perform: Act
     """Do it; returns what was seen."""
 
 
@@ -73,7 +77,7 @@ def status(answer: bytes) -> str:
     return "open" if code == "101" else code
 
 
-def page(target: str = "/", *hosts: str | None, cookie: bool = True, extra: str = "") -> Callable[[Victim], str]:
+def page(target: str = "/", *hosts: str | None, cookie: bool = True, extra: str = "") -> Act:
     """Ask for a page, by default as the user; `hosts` in place of our own, None for ours, "" for none at all."""
 
     def perform(victim: Victim) -> str:
@@ -87,9 +91,7 @@ def page(target: str = "/", *hosts: str | None, cookie: bool = True, extra: str 
     return perform
 
 
-def opens(
-    origin: str | None, host: str = "{own}", *, cookie: bool = True, word: str = "websocket"
-) -> Callable[[Victim], str]:
+def opens(origin: str | None, host: str = "{own}", *, cookie: bool = True, word: str = "websocket") -> Act:
     """Ask for a websocket."""
 
     def perform(victim: Victim) -> str:
@@ -111,7 +113,7 @@ def is_served(victim: Victim) -> str:
     return "served on" if seen == "200" else seen
 
 
-def sends(frame: bytes | str) -> Callable[[Victim], str]:
+def sends(frame: bytes | str) -> Act:
     """A logged-in client sends one broken frame."""
 
     def perform(victim: Victim) -> str:
@@ -125,7 +127,7 @@ def sends(frame: bytes | str) -> Callable[[Victim], str]:
     return perform
 
 
-def sets_value(value: float) -> Callable[[Victim], str]:
+def sets_value(value: float) -> Act:
     """A logged-in client sends a slider beyond its end; another one comes and looks."""
 
     def perform(victim: Victim) -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import threading
 from types import SimpleNamespace
 
 import numpy as np
@@ -30,23 +29,19 @@ class Board:
         self.looked_at = []
         self.values = np.empty((0, len(names)))
         self.first = 0
-        self.lock = threading.Lock()
 
     def send(self, count, seed=0):
         new = np.random.default_rng(seed + len(self.values)).normal(size=(count, len(self.names)))
-        with self.lock:
-            self.values = np.concatenate([self.values, new])
+        self.values = np.concatenate([self.values, new])
         return self
 
     def snapshot(self, _board=None):
-        with self.lock:
-            values = self.values[self.first :]
-            if not len(values):
-                return None
-            time = (np.arange(len(values)) + self.first) * self.period
-            units = ("",) * len(self.names)
-            recording = Recording(time, self.names, units, values, self.period, source="serial:x", title="x")
-            return Snapshot(recording, self.first, self.generation, len(self.values))
+        values = self.values[self.first :]
+        if not len(values):
+            return None
+        time, units = (np.arange(len(values)) + self.first) * self.period, ("",) * len(self.names)
+        recording = Recording(time, self.names, units, values, self.period, source="serial:x", title="x")
+        return Snapshot(recording, self.first, self.generation, len(self.values))
 
     def state(self, _board=None):
         return ConnectionState(True, False, SimpleNamespace(word="connected", hint="", recording=None))

@@ -71,8 +71,6 @@ class Guest:
         """Names of the nodes of the scene."""
         self.commands: dict[str, str] = {}
         """Labels of the commands of the palette, by uuid."""
-        self.options: dict[str, Any] = {}
-        """The present choices of each menu."""
         self.notices: list[str] = []
         """What notifications said."""
         self.send("ViewerCameraMessage", **CAMERA)
@@ -113,14 +111,11 @@ class Guest:
             self.widgets[uuid] = message
             if "value" in message:
                 self.values[uuid] = message["value"]
-            self.options[uuid] = message["props"].get("options", ())
         elif message["type"] == "GuiUpdateMessage":
             if "value" in message["updates"]:
                 self.values[uuid] = message["updates"]["value"]
             if "props" in self.widgets.get(uuid, {}):  # of a job that has ended since, too
                 self.widgets[uuid]["props"].update(message["updates"])
-            if "options" in message["updates"]:
-                self.options[uuid] = message["updates"]["options"]
         elif message["type"] == "RegisterCommandMessage":
             self.commands[uuid] = message["props"]["label"]
         elif "name" in message and "props" in message:

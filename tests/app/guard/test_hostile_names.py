@@ -61,6 +61,10 @@ def wait_for_rows(guest, *numbers):
     guest.read_until(lambda: any(map(wanted.search, guest.markdown.values())))
 
 
+def options_of(guest, uuid):
+    return guest.widgets[uuid].get("props", {}).get("options") or ()
+
+
 def open_file(guest, name, *rows):
     guest.set(guest.find("path"), name)
     guest.set(guest.find("Open this path"), True)
@@ -84,7 +88,7 @@ def test_columns_and_units_that_are_markup_are_text_in_every_tab(shared, guest):
     cells = "\n".join(",".join(str((i * k) % 11) for k in range(1, len(names) + 1)) for i in range(77))
     (folder / "columns.csv").write_text(f"{head}\n{cells}\n", "utf-8")
     open_file(guest, "columns.csv", 77)
-    guest.set(next(uuid for uuid, options in guest.options.items() if "Pin" in options), "Pin")
+    guest.set(next(uuid for uuid in guest.widgets if "Pin" in options_of(guest, uuid)), "Pin")
     for name in guest.widgets[guest.find("channel")]["props"]["options"][:2]:
         guest.set(guest.find("channel"), name)
         while guest.read(timeout=1.0):  # until the studies are drawn too: they begin 0.2 s after the last change
@@ -107,7 +111,7 @@ def test_labels_that_a_board_sends_are_shown_as_text(guest):
         guest.set(guest.find("address"), address)
         guest.set(guest.find("Connect"), True)
         board = guest.find("board's filtered channel")
-        guest.read_until(lambda: any("onerror" in option for option in guest.options[board]))
+        guest.read_until(lambda: any("onerror" in option for option in options_of(guest, board)))
         guest.read_until(lambda: any("onerror" in text for text in guest.texts))
         guest.set(guest.find("Disconnect"), True)
         guest.read_until(lambda: any("**closed**" in text for text in guest.markdown.values()))

@@ -25,9 +25,6 @@ def test_the_folder_is_the_systems_or_a_named_one_and_without_any_nothing_is_rem
     if sys.platform == "linux":
         monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
         assert state_folder() == tmp_path / "kalscope"
-        monkeypatch.delenv("XDG_STATE_HOME")
-        monkeypatch.setenv("HOME", str(tmp_path))
-        assert state_folder() == tmp_path / ".local/state/kalscope"
     monkeypatch.setattr(user_settings.platformdirs, "user_state_dir", lambda *_, **__: "~/kalscope")
     with pytest.raises(OSError, match="no home folder"):
         state_folder()

@@ -52,11 +52,7 @@ def test_what_differs_on_a_device_is_told_of_what_is_chosen(state):
     assert "period must be a number" in limits_text(state, Choice(period="often"))
     small = set_text("q", "1e-12")(state)
     assert "Export c, in double, or take a larger q" in limits_text(small)
-    volts = replace(
-        state,
-        recording=replace(state.recording, units=("V", "")),
-        tunings=tuple(replace(one, unit=unit) for one, unit in zip(state.tunings, ("V", ""), strict=True)),
-    )
+    volts = opened(replace(state.recording, units=("V", "")))
     assert "The sketch reads counts, but a is in V:" in limits_text(volts).replace("\\", "")
     assert limits_text(small, Choice("c")) == limits_text(volts, Choice("c")) == ""
     uneven = replace(state.recording, time=state.recording.time + (np.arange(300) > 100) * 1.0, gaps="dt")
