@@ -135,6 +135,7 @@ def test_help_hints_commands_and_headings_lead_to_every_action(start):
 
     actions = screen.page.locator(".mantine-Spotlight-action")
     screen.choose("goal", "best fit")
+    screen.tab("Export")
     screen.page.evaluate(LEAVE)  # viser takes no hotkey out of a text box
     screen.page.keyboard.press("Control+k")
     for name in ("Map", "Reset view", "Connect", "Preview code", "Reset", "Undo", "Show the first steps"):
@@ -143,7 +144,7 @@ def test_help_hints_commands_and_headings_lead_to_every_action(start):
     screen.page.locator("input.mantine-Spotlight-search").fill("lag")
     actions.get_by_text("Reset view", exact=True).wait_for(state="detached")  # only what was typed is listed
     actions.get_by_text("Goal: maximum lag").click()
-    screen.wait_for_value("goal", "maximum lag")
+    screen.wait_for_value("goal", "maximum lag")  # it has led to the Tune tab
     heading = screen.page.get_by_role("button", name="More settings")
     heading.focus()
     assert heading.get_attribute("aria-expanded") == "false"

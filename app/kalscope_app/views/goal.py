@@ -32,7 +32,7 @@ from kalscope_app.session.session import Failed, Session
 from kalscope_app.session.state import Outcome, State
 from kalscope_app.views.charts import Chart, dots, line, palette_of, time_scale_for
 from kalscope_app.views.widgets import SlowJob, bind, offer, on_user, put, table_of, typed
-from kalscope_app.views.window import LAG_NUMBER, PRIMARY
+from kalscope_app.views.window import GOAL, LAG_NUMBER, PRIMARY
 
 # The ways to find q and r that the dashboard offers: what each asks the user for, and the search it requests.
 
@@ -280,7 +280,7 @@ class GoalView:
         on_user(self._form.on_submit, lambda _client: self._find_and_apply())
         on_user(self._apply.on_click, lambda _client: self._find_and_apply())
         for goal in GOALS:  # so that the palette finds them by their words
-            command = gui.add_command(f"Goal: {goal}", description=HINT)
+            command = gui.add_command(f"{GOAL}{goal}", description=HINT)
             change = set_search_method(goal, SEARCH_METHODS)
             on_user(command.on_trigger, lambda _client, change=change: session.request(change))
 

@@ -333,6 +333,9 @@ which gesture: a number for each, negative for a click, positive for a drag."""
 
 EXPORT_BUTTON, PERIOD_BUTTON, STEPS_BUTTON = "Export this one", "Give the sample period", "Show the first steps"
 
+GOAL = "Goal: "
+"""What the commands begin with that choose a goal; they lead to the tab Tune."""
+
 LEADS = {EXPORT_BUTTON: "Export", PERIOD_BUTTON: "Source", STEPS_BUTTON: "Tune"}
 """Labels of buttons that lead to another tab, and of that tab: viser cannot open a tab itself."""
 
@@ -362,6 +365,7 @@ SIZES = {
     "mapPresent": MAP_PRESENT,
     "mapPointed": MAP_POINTED,
     "leads": LEADS,
+    "goal": GOAL,
     "copyButton": COPY_BUTTON,
     "textBoxes": TEXT_BOXES,
 }

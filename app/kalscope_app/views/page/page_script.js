@@ -121,7 +121,8 @@ window.Worker = class extends Worker {
 };
 
 const leadToTab = ({ target }) => {
-  const name = sizes.leads[target.closest("button")?.textContent];
+  const text = target.closest("button")?.textContent ?? "";
+  const name = text.startsWith(sizes.goal) ? "Tune" : sizes.leads[text]; // a command has its description, too
   const tab = name && [...document.querySelectorAll("[role=tab]")].find((tab) => tab.textContent === name);
   tab?.dispatchEvent(new KeyboardEvent("keydown", { key: "Enter", bubbles: true })); // tabs do not listen for clicks
 };
