@@ -214,7 +214,10 @@ def test_spikes_of_each_sensor_are_set_aside_but_not_what_all_see():
 
 def test_momentum_is_found_by_the_rule_of_one_signal():
     z = moving(1500, 12.0, 6.0, r=0.0, seed=8)[:, None] + noise(1.0, 2.0)
-    found = estimate_fusion(z)
+    progress = []
+    found = estimate_fusion(z, progress=lambda done, _: progress.append(done))
+    assert progress == sorted(progress)
+    assert progress[-1] == 1.0
     assert 8.0 < found.momentum < 18.0
     assert found.r == pytest.approx([1.0, 4.0], rel=0.15)
     assert said(found, "keeps its direction")
