@@ -207,6 +207,7 @@ def test_a_file_that_was_moved_is_read_to_its_end(log):
     moved = log.rename(log.with_suffix(".1"))
     assert file.read() == b""
     add(moved, "b\n")
+    log.write_text("another\n")
     assert file.read() == b"b\n"
     file.close()
 
