@@ -68,11 +68,11 @@ def test_a_private_file_is_for_its_owner_from_the_first_byte(tmp_path, before):
         path.symlink_to(other)
     umask = os.umask(0)
     try:
+        write_private(path, b"secret")
         with atomic_file(path, 0o600) as file:
             (temporary,) = tmp_path.glob(".file*")
             assert stat.S_IMODE(temporary.stat().st_mode) == 0o600
             file.write(b"secret")
-        write_private(path, b"secret")
     finally:
         os.umask(umask)
     assert stat.S_IMODE(path.lstat().st_mode) == 0o600
