@@ -199,6 +199,7 @@ def test_no_request_without_the_token_is_allowed(head):
     assert isinstance(answer_to(POLICY, **head), Refuse)
 
 
+@pytest.mark.slow
 @given(heads, st.text(string.ascii_lowercase + string.digits + ".-:", max_size=40))
 def test_a_foreign_host_or_origin_is_refused_even_with_the_cookie(head, name):
     for hosts in head["hosts"], (name,):

@@ -24,6 +24,7 @@ def walk(n=5000, q=0.02, r=1.0, seed=0, scale=1.0, period=0.01):
     return Recording(np.arange(n) * period, ("a",), ("V",), z[:, None], period)
 
 
+@pytest.mark.slow
 def test_moving_q_r_or_the_window_gives_the_same_map_without_work_and_a_point_outside_a_wider_one():
     make, state = partial(compute_map, kept=Cache()), opened(walk())
     shown = make(state)
