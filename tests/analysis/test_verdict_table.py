@@ -76,6 +76,7 @@ def test_an_excursion_is_one_spike_a_step_none_heavy_tails_no_change_and_a_loud_
     for first in range(0, N, N // 4):
         found = residuals(louder(first, first + N // 4, 2.0), RIGHT)
         assert found.evidence.change == pytest.approx(4.0, rel=0.5)
+    assert "spikes" not in residuals(louder(400, 800, 2.4), RIGHT).advice  # the change explains them
 
 
 # --- advice that can be taken -----------------------------------------------------------------------------
