@@ -93,6 +93,7 @@ def test_false_alarm_rates_are_near_their_nominal_levels(n, ratio, missing):
 # --- detection, and the amount of the advice ------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("ratio", [0.003, 0.1, 1.0])
 @pytest.mark.parametrize(("wrong", "word"), [(0.1, "too slow: raise q about"), (10.0, "too fast: lower q about")])
 def test_wrong_q_is_named_and_the_factor_is_about_right(ratio, wrong, word):
