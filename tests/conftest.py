@@ -103,7 +103,9 @@ def one_command_line() -> Iterator[None]:
 def patient_with_boards() -> Iterator[None]:
     """Wait for the answer of a board as long as for everything else: a busy machine is no board that is silent."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(source, "ANSWER_S", PATIENCE)
+        for send in (source.CommandChannel.send, source.LiveSource.send):
+            patch.setattr(send, "__defaults__", (PATIENCE,))
+        patch.setattr(board, "ANSWER_S", PATIENCE)
         patch.setattr(board, "_CANCEL_S", PATIENCE)
         yield
 
