@@ -378,6 +378,7 @@ def test_a_rescaled_filter_with_momentum_sees_the_same_signal():
     np.testing.assert_allclose(halved.p[1::2], coarse.p, rtol=1e-12)
 
 
+@pytest.mark.slow
 def test_at_another_period_cut_offs_stay_in_hertz_and_windows_in_seconds():
     for ratio, before, after in (
         (2.0, Chain(5, MovingAverage(9)), Chain(3, MovingAverage(4))),
