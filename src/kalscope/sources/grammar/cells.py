@@ -19,7 +19,7 @@ MISSING = frozenset({"", "nan", "+nan", "-nan", "nil", "null", "na", "n/a", "non
 _MISSING_TEXT = r"""
 m - -- --- ---- ----- * ** *** **** ***** / // /// //// ///// ? ?? ??? . .. ... _ __ \n
 unavailable unknown offline disconnected missing invalid void undefined undef nodata no_data no-data
-n.a. n.a n/d n.d. n.d nd #n/a #n/a! #na #value! #div/0! #ref! #num! <na> <null> (null) nat
+n.a. n.a [n/a] n/d n.d. n.d nd #n/a #n/a! #na #value! #div/0! #ref! #num! <na> <null> (null) nat
 """
 MISSING_WORDS = frozenset((*_MISSING_TEXT.split(), "no data", "not available"))
 """Other cells, in lower case, that loggers write for "no sample": missing as well, and counted in the report."""
@@ -201,7 +201,7 @@ _UNITS = words(
     degc °c 'c c celsius f degf °f 'f k kelvin fahrenheit % %rh rh percent pct
     pa hpa kpa mpa mbar bar psi mmhg inhg torr at atm hz khz mhz ghz lux lx ppm ppb count counts lsb adc raw ts rn
     w kw mw watt watts w/m2 w/m^2 w/m² kwh wh n newton newtons nm n·m joule joules j db dbm dbv ohm ohms kohm ω kω
-    farad f/m ut µt mt tesla gauss l ml liter liters litre litres l/min bpm no_units unitless
+    farad f/m kb gb kib mib gib ut µt mt tesla gauss l ml liter liters litre litres l/min bpm no_units unitless
     """
 )
 _SPELLED = {"second": "s", **dict.fromkeys(("-", "--", "no_units", "unitless"), "")} | {

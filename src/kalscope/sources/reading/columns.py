@@ -301,7 +301,7 @@ def likeness(cells: Cells, kinds: CellKinds) -> float:
     """Share of the cells that a data line may hold, 0…1; 0 where none is a number."""
     found = [kinds[cell] for cell in cells]
     numbers = float(found.count("number"))
-    timed = "stamp" in found and 2 * found.count("measure") >= len(cells)
+    timed = "stamp" in found and 2 * (found.count("measure") + numbers) >= len(cells)
     # "outside 21 °C, wind 3 m/s" is prose
     if timed or "text" not in found or not any(" " in cell for cell in cells):
         numbers += found.count("measure")
@@ -407,8 +407,8 @@ UNIT_NAMES = words("unit units unit_of_measurement uom")
 
 _NAMES = words(
     """
-    name entity entity_id sensor sensor_id sensor_name sensorname field _field _measurement measurement key variable
-    parameter channel signal metric tag topic series quantity attribute point
+    name varname entity entity_id sensor sensor_id sensor_name sensorname field _field _measurement measurement key
+    variable parameter channel signal metric tag topic series quantity attribute point
     """
 )
 _VALUES = words("value _value state reading val sensor_value measured_value")

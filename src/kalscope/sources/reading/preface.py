@@ -116,20 +116,26 @@ def _stated_rate(head: Sequence[str]) -> Preface | None:
     A key that repeats on each line is a value of each row, such as `dt: 12` from a board.
     """
     found: list[tuple[float, str]] = []
-    for before, line, after in zip(["", *head], head[:_MAX_LINES], [*head[1:], ""], strict=False):
+    header_row = None
+    for number, (before, line, after) in enumerate(
+        zip(["", *head], head[:_MAX_LINES], [*head[1:], ""], strict=False)
+    ):
         above = before[:_MAX_LENGTH].rstrip()
         start = above if above.endswith(":") else ""  # LabVIEW: `dt:` above its value
         text = f"{start} {line[:_MAX_LENGTH]}".strip(" \t\r\"',;").lower().replace("_", " ")
         if not is_comment(line) and NUMBER["."].match(text):
             break
         if sum(map(text.count, ",;|\t")) < _MAX_PARTS:
-            text += _below_names(above.lower(), line, after)
+            below = _below_names(above.lower(), line, after)
+            text += below
+            if below and not any(map(is_number, split_fields(above, ","))):
+                header_row = number
             found += [setting for match in _STATED.finditer(text) if (setting := _period(match))]
     if not 0 < len(found) < 3 or len({period for period, _ in found}) > 1:
         return None
     period, key = found[0]
     said = f'"{key}" above the table gives a sample interval of {duration(period)}'
-    return Preface(period=period, notes=(said,))
+    return Preface(header_row, period=period, notes=(said,))
 
 
 def _below_names(above: str, line: str, after: str) -> str:

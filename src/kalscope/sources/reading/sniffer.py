@@ -288,6 +288,9 @@ def _named(row: Row, table: HeadTable, body: Body) -> tuple[list[Column], list[s
     if more <= 0:
         names = (*cells, *[""] * trailing)[:width]
         return list(map(named_column, names)), notes[: 1 + any(cells[width:])]
+    two = len(cells) == width - 1 and body.types[0].kind == body.types[1].kind == "stamp"
+    if two and time_name(named_column(cells[0])).strength and not time_name(named_column(cells[1])).strength:
+        return [named_column(cells[0]), Column(""), *map(named_column, cells[1:])], notes  # date and clock
     since = np.array([parse_number(body.rows[0][1][0], table.form.decimal) or 0.0])
     is_dated = body.types[0].kind == "stamp" or find_epoch(since) is not None
     if len(cells) == width - 1 and is_dated and not time_name(named_column(cells[0])).strength:
@@ -434,7 +437,8 @@ def _layout(
     time = _find_time(
         columns, cells, table, header, plan, spectrum=any(map(_SPECTRUM.search, head[: body.first - 1]))
     )
-    if time is not None and (table.form.stamped or not is_table):
+    is_json = head[body.first - 1].lstrip(" [").startswith('{"')
+    if time is not None and not is_json and (table.form.stamped or not is_table):
         time = replace(time, printed=True)
     columns, about_series = mark_series(columns, cells, time, table.form.decimal)
     named = [column.name for column in columns]

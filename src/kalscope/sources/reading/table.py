@@ -256,9 +256,8 @@ class _Grid:
         found, closed = list[Row](), set[bool]()
         for number, text in sorted((plain | remarks).items(), reverse=True):
             is_remark = number in remarks
-            cells = header_cells(text, self._table.form.delimiter, self._least)
-            is_ruled = not set(text) - _RULED and not (len(cells) > 1 and are_units(cells))
-            if is_remark in closed or is_ruled:
+            cells = self._beside_names(header_cells(text, self._table.form.delimiter, self._least))
+            if is_remark in closed or self._is_ruled(text, cells):
                 continue
             is_aligned = self._table.form.delimiter == " " and not is_remark and not found
             if is_aligned and len(cells) < self._least and are_units(cells):
@@ -269,10 +268,22 @@ class _Grid:
                 closed.add(is_remark)
         if any(number in plain and not are_units(cells) for number, cells in found):
             found = [row for row in found if row[0] in plain or are_units(row[1])]
-        widths = [len(line.cells) for line in lines]
+        widths = [len(line.cells) for line in lines if not self._is_ruled(line.text, line.cells)]
         if found and found[0][0] in plain and len(found[0][1]) < self._least and widths.count(len(found[0][1])) > 1:
             return ()  # `Gain;24` above `Site;Barn 7` are pairs, not names
         return tuple(found)
+
+    def _is_ruled(self, text: str, cells: Cells) -> bool:
+        return not set(text) - _RULED and not (len(cells) > 1 and are_units(cells))
+
+    def _beside_names(self, cells: Cells) -> Cells:
+        """The cells without a stamp that begins a line of names, and without settings above empty columns."""
+        kinds = [kind.kind for kind in self._types] if len(cells) == self._table.width else []
+        data = {"stamp": ("stamp",), "empty": ("number", "stamp")}
+        found = (self._kinds[cell] in data.get(kind, ()) for cell, kind in zip(cells, kinds, strict=False))
+        return (
+            tuple("" if is_data else cell for is_data, cell in zip(found, cells, strict=True)) if kinds else cells
+        )
 
     def _are_listed(self, cells: Cells) -> bool:
         """True for a comment that is a list of names, as `# time ax ay` of numpy.savetxt, not a sentence."""
