@@ -68,12 +68,9 @@ def check_free(path: Path) -> None:
 # through our own reader, a spreadsheet and pandas (`comment="#"`), whatever the board calls its channels.
 
 
-HOST_TIME = "host time [s]"
-"""Header of the first column."""
-DEVICE_TIME = "device time"
-"""Name of the second column, where the board sends its time; its unit follows."""
-
-_FORMULA = ("=", "+", "-", "@")
+HOST_TIME, DEVICE_TIME, _FORMULA = "host time [s]", "device time", ("=", "+", "-", "@")
+"""Header of the first column.
+Name of the second column, where the board sends its time; its unit follows."""
 _MAX_CELL_LENGTH = 100  # of a header: the reader cuts there
 _MAX_UNIT_LENGTH = 30
 
@@ -170,10 +167,9 @@ def _harmless(name: str) -> str:
 # write, and those that come until there is space, are counted as lost.
 
 
-SYNC_EVERY_S = 1.0
-"""Pause between two requests that the disk keep what it has, s."""
-RETRY_S = 1.0
-"""Pause between two attempts to write to a disk that refuses, s."""
+SYNC_EVERY_S, RETRY_S = 1.0, 1.0
+"""Pause between two requests that the disk keep what it has, s.
+Pause between two attempts to write to a disk that refuses, s."""
 
 _fdatasync = getattr(os, "fdatasync", os.fsync)
 

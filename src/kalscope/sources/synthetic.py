@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Any
 from urllib.parse import urlencode
 
@@ -16,11 +16,9 @@ from kalscope.recording import Recording
 
 SHAPES = ("constant", "step", "ramp", "sine", "triangle", "random_walk", "chirp")
 """Noise-free signals. "triangle" sweeps up and down; "chirp" is a sine whose frequency rises tenfold."""
-NOISES = ("gaussian", "uniform", "triangular", "none")
-"""Laws of the noise. "triangular" is rand − rand, as in the MATLAB appendix of the noise-reducer paper."""
-MAX_CHANNELS = 16
-MAX_SAMPLES = 50_000_000
-"""Samples over all channels: 400 MB per copy."""
+NOISES, MAX_CHANNELS, MAX_SAMPLES = ("gaussian", "uniform", "triangular", "none"), 16, 50_000_000
+"""Laws of the noise. "triangular" is rand − rand, as in the MATLAB appendix of the noise-reducer paper.
+Samples over all channels: 400 MB per copy."""
 
 
 @dataclass(frozen=True)
@@ -93,11 +91,8 @@ class SignalSettings:
     def spec(self) -> str:
         """What reopens it: `synthetic:SHAPE?…` with the settings that differ from their defaults."""
         given = {item.name: getattr(self, item.name) for item in fields(self) if item.name != "shape"}
-        changed = {
-            name: ",".join(map(repr, value)) if name in _SEVERAL else value
-            for name, value in given.items()
-            if value != getattr(SignalSettings, name)
-        }
+        given = {name: value for name, value in given.items() if value != getattr(SignalSettings, name)}
+        changed = {name: ",".join(map(repr, v)) if name in _SEVERAL else v for name, v in given.items()}
         return f"synthetic:{self.shape}" + ("?" + urlencode(changed, safe=",") if changed else "")
 
 
@@ -145,16 +140,9 @@ def synthesize(shape: str | SignalSettings, **settings: Any) -> Recording:
     time = np.arange(chosen.n, dtype=np.float64) * float(chosen.sample_period)
     signals = np.column_stack([_signal(chosen, time, j, rng) for j in range(chosen.channels)])
     truth = np.broadcast_to(signals, (chosen.n, chosen.columns)).copy()
-    return Recording(
-        time=time,
-        names=_names(chosen),
-        units=("",) * chosen.columns,
-        values=_measure(truth, chosen, rng),
-        sample_period=float(chosen.sample_period),
-        truth=truth,
-        source=chosen.spec,
-        title=f"Synthetic {chosen.shape.replace('_', ' ')}",
-    )
+    measured, units = _measure(truth, chosen, rng), ("",) * chosen.columns
+    given = Recording(time, _names(chosen), units, measured, float(chosen.sample_period), truth=truth)
+    return replace(given, source=chosen.spec, title=f"Synthetic {chosen.shape.replace('_', ' ')}")
 
 
 def _names(settings: SignalSettings) -> tuple[str, ...]:

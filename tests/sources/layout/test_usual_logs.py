@@ -14,6 +14,7 @@ A = [round(20 + 3 * math.sin(i / 9), 2) for i in range(N)]
 B = [round(1012.5 + 0.31 * (i * 7 % N), 2) for i in range(N)]
 
 DAYS = ("Fri", "Sat", "Sun", "Mon", "Tue", "Wed", "Thu")
+T = np.cumsum(np.random.default_rng(1).integers(2, 60, N))
 CHANGES = np.cumsum([(1.2e-6, 3.1e-4, 2.1e-3, 0.7, 8e-6, 0.05)[i * i % 37 % 6] for i in range(N)])
 
 
@@ -186,6 +187,42 @@ LOGS = {
         json.dumps({"results": [{"id": 0, "series": [{"columns": ["time", "a"], "values": list(enumerate(A))}]}]})),
     "JSON: lists": log("1 s, value 1 = A", json.dumps([[1709630000000 + 1000 * i, a] for i, a in enumerate(A)])),
     "objects on lines": log("1 s, v = A", lambda i: f'{{\n  "t": {1710664205 + i},\n  "v": {A[i]}\n}}'),
+    "InfluxDB: tags name the series": log("100 s, w bath t = A; w hall t = B; w hall h = A",
+        lambda i: f"w,room=bath t={A[i]} {17096300 + i}00\nw,room=hall t={B[i]},h={A[i]} {17096300 + i}00"),
+    "JSON of InfluxDB": log("10 s, bath = A; hall = B", json.dumps({"series": [{"tags": {"room": room},
+        "columns": ["time", "t"], "values": [[1709630000 + 10 * i, x[i]] for i in range(N)]}
+        for room, x in (("bath", A), ("hall", B))]})),
+    "one sensor after the other": log("10 s, S1 t = A; S2 h = B", "sensor,time,t,h\n",
+        lambda i: f"S1,{clock(i)},{A[i]},{B[i]}", lambda i: f"S2,{clock(i)},{B[i]},{B[i]}"),
+    "iperf": log("1 s, value 2 = A", lambda i: f"[  3] {i:4.1f}-{i + 1:4.1f} sec   9 MBytes   {A[i]} Mbits/sec"),
+    "documents of ROS": log("0.5 s, imu.x = A; w = B",
+        lambda i: f"header:\n  stamp:\n    secs: {1700000000 + i // 2}\n"
+        f"    nsecs: {500000000 * (i % 2)}\nimu:\n  x: {A[i]}\nw: {B[i]}\n---"),
+    "INSERT statements": log("10 s, temp = A; hum = B", "CREATE TABLE t (id int, temp float);\n",
+        lambda i: f"INSERT INTO `t` (`id`,`at`,`temp`,`hum`) VALUES ({i},'2024-03-05 {clock(i)}',{A[i]},{B[i]});"),
+    "lists after labels": log("no rate, acc = A; acc 2 = B; gyro 2 = A",
+        lambda i: f"acc: {A[i]}, {B[i]}, 9.8 gyro: 1, {A[i]}, 3"),
+    "Grbl": log("no rate, MPos = A; MPos 3 = B", lambda i: f"<Idle|MPos:{A[i]},0.000,{B[i]}|FS:0,0>"),
+    "Marlin: targets": log("no rate, T = A; B = B", lambda i: f" T:{A[i]} /210.00 B:{B[i]} /60.00 @:0 B@:0"),
+    "ArduPilot, decoded": log("1 s, Roll = A; Pitch = B",
+        lambda i: f"2024-03-05 {clock(i, 1)}.00: ATT {{TimeUS : {8 + i}, Roll : {A[i]}, Pitch : {B[i]}}}"),
+    "lm-sensors": log("no rate, Core 0 [°C] = A; Core 1 [°C] = B",
+        lambda i: "coretemp\n" + "".join(f"Core {k}:   +{x[i]}°C  (high = +80°C)\n" for k, x in enumerate((A, B)))),
+    "ping: 64 is no stamp": log("no rate, time [ms] = A", lambda i: f"64 bytes from 10.0.0.1: n=9 time={A[i]} ms"),
+    "vmstat: names again, and a line above them": log("no rate, free = A",
+        lambda i: ("-- memory ---- cpu --\n free idle\n" if i % 20 == 0 else "") + f" {A[i]} {i % 7}"),
+    "free: rows of two names": log("no rate, Mem: used = A; Swap: used = B",
+        lambda i: f"       total  used\nMem:   9  {A[i]}\nSwap:  9  {B[i]}"),
+    "ticks of a board": log("0.02 s, ax = A", lambda i: f"[{20 * i}] ax: {A[i]} ay: {B[i]}"),
+    "minutes of HPLC": log("0.3 s, mAU = A", "Min\tmAU\n", lambda i: f"{i * 0.005:.3f}\t{A[i]}"),
+    "a spectrum": log("no rate, value 2 = A", ">>>Begin Spectral Data<<<\n",
+        lambda i: f"{339.36 + 0.38 * i:.2f}\t{A[i]}"),
+    "SampleTime[ms]": log("0.01 s, value 1 = A", "SampleTime[ms]\t10\n\n", lambda i: f"{10 * i}\t{A[i]}"),
+    "Kibana": log("10 s, cpu = A", "time,cpu\n", lambda i: f'"Nov 27, 2026 @ {clock(i)}.123","{A[i]}"'),
+    "Korean: half a day first": log("10 s, v = A", "t,v\n", lambda i: f"2024. 3. 5. 오전 {clock(i)},{A[i]}"),
+    "rows of an array": log("0.1 s, value 1 = A", f"[[0.0 {A[0]}]\n",
+        "".join(f" [{i / 10} {A[i]}]{']' * (i == N - 1)}\n" for i in range(1, N))),
+    "only changes": log("no rate, a = A", "time,a\n", lambda i: f"{int(T[i])},{A[i]}"),
 }  # fmt: skip
 
 

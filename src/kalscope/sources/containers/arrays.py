@@ -146,9 +146,8 @@ def read_arrays(arrays: Found, part: str | None, name: str, note: str, progress:
         found = [*groups.get(("", n), []), *found]
     width = sum(_width(item, n) for item in found)
     if width > MAX_COLUMNS or n * width > MAX_NUMBERS:
-        raise BadFile(
-            f"{name} must hold at most {MAX_COLUMNS} columns and {MAX_NUMBERS} numbers a part (got {n} × {width})"
-        )
+        most = f"{MAX_COLUMNS} columns and {MAX_NUMBERS} numbers"
+        raise BadFile(f"{name} must hold at most {most} a part (got {n} × {width})")
     require_memory_for_numbers(n * width, name)
     names: list[str] = []
     units: list[str] = []
@@ -171,15 +170,9 @@ def read_arrays(arrays: Found, part: str | None, name: str, note: str, progress:
     periods = [item.period for item in found]
     for outer in _outer(group):
         periods += [period_from(key, value) for other, key, value in arrays.scalars if other == outer]
-    return Table(
-        names=tuple(names),
-        units=tuple(units),
-        columns=tuple(columns),
-        start=start,
-        period=next((period for period in periods if period is not None), None),
-        notes=(note, *said),
-        dates=frozenset(dates),
-    )
+    period = next((period for period in periods if period is not None), None)
+    held = tuple(names), tuple(units), tuple(columns)
+    return Table(*held, start=start, period=period, notes=(note, *said), dates=frozenset(dates))
 
 
 def _outer(group: str) -> list[str]:
@@ -259,10 +252,9 @@ def _text(value: Any) -> str:
 # MATLAB files of version 5 to 7.2, read by SciPy; version 7.3 is HDF5. Nothing in them is ever run.
 
 
-_COMPRESSED = 15
-"""Type of an element of a file of version 5 that holds a compressed variable."""
-_PIECE = 1 << 26
-"""Bytes that are unpacked at once to count them."""
+_COMPRESSED, _PIECE = 15, 1 << 26
+"""Type of an element of a file of version 5 that holds a compressed variable.
+Bytes that are unpacked at once to count them."""
 
 
 def read_mat(path: Path, name: str, part: str | None, progress: Progress) -> Table:

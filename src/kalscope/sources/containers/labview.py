@@ -91,9 +91,7 @@ def read_lvm(path: Path, name: str, part: str | None, progress: Progress) -> Tex
     for segment in segments:
         for columns in segment.channels() if segment.rows else ():
             series.setdefault(tuple(segment.names[j] for j in columns), []).append((segment, columns))
-    parts = [
-        Part(", ".join(key), sum(len(one.rows) for one, _ in found), len(key)) for key, found in series.items()
-    ]
+    parts = [Part(", ".join(key), sum(len(one.rows) for one, _ in held), len(key)) for key, held in series.items()]
     chosen, notes = choose_part(parts, part, name, "set of channels")
     names, found = list(series.items())[chosen]
     first, columns = found[0]

@@ -17,11 +17,9 @@ from kalscope.errors import BadFile, KalscopeError
 from kalscope.sources.containers.table import Table, Text
 from kalscope.sources.grammar.line_format import find_object
 
-_LVM = b"LabVIEW Measurement"
-_BEFORE_JSON = b"\xef\xbb\xbf\xff\xfe\0 \t\r\n"
-"""What may precede the first character: byte order marks, blanks, and the empty halves of UTF-16."""
-_MAX_LINES = 50
-"""First lines that show whether a file is one JSON document or has one object per line."""
+_LVM, _BEFORE_JSON, _MAX_LINES = b"LabVIEW Measurement", b"\xef\xbb\xbf\xff\xfe\0 \t\r\n", 50
+"""What may precede the first character: byte order marks, blanks, and the empty halves of UTF-16.
+First lines that show whether a file is one JSON document or has one object per line."""
 
 Recogniser = Callable[[bytes, str], bool]
 """Whether the head of a file, and its name in lower case, are of a kind."""
@@ -62,9 +60,8 @@ def _is_edf(head: bytes, _: str) -> bool:
 
 def _is_numpy(head: bytes, name: str) -> bool:
     """For a zip archive the name of its first file decides, or its own name."""
-    return head.startswith(b"\x93NUMPY") or (
-        head.startswith(b"PK\x03\x04") and (name.endswith(".npz") or b".npy" in head[30:94])
-    )
+    is_zip = head.startswith(b"PK\x03\x04")
+    return head.startswith(b"\x93NUMPY") or (is_zip and (name.endswith(".npz") or b".npy" in head[30:94]))
 
 
 def _is_json_document(head: bytes, name: str) -> bool:

@@ -23,12 +23,10 @@ from kalscope.errors import BadFile
 from kalscope.sources.containers.arrays import Found, Item, is_numeric, read_arrays
 from kalscope.sources.containers.table import Table, load_library
 
-MAX_CHUNK = 1 << 27
-"""Bytes of one unpacked chunk; the writers of bags and MCAP begin a new one after 1 to 4 MB."""
-MAX_MESSAGE = 1 << 16
-"""Bytes of one message, and elements of one sequence; a longer one holds an image or a scan."""
-_MAX_ELEMENTS = 64
-"""Elements of an array that are channels."""
+MAX_CHUNK, MAX_MESSAGE, _MAX_ELEMENTS = 1 << 27, 1 << 16, 64
+"""Bytes of one unpacked chunk; the writers of bags and MCAP begin a new one after 1 to 4 MB.
+Bytes of one message, and elements of one sequence; a longer one holds an image or a scan.
+Elements of an array that are channels."""
 _MESSAGES_PER_REPORT = 64
 _PACKERS = {b"BZh": "bz2", b"\x04\x22\x4d\x18": "lz4.frame", b"\x28\xb5\x2f\xfd": "zstandard"}
 """Library that unpacks a chunk, by the first bytes of the chunk."""

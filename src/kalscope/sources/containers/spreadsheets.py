@@ -14,9 +14,7 @@ from kalscope.errors import BadFile
 from kalscope.sources.containers import convert
 from kalscope.sources.containers.table import Part, Text, choose_text_part, convert_apart, load_library
 
-_KIND = "a spreadsheet"
-_ANY_SIZE = 1 << 62
-_CHUNK = 1 << 20
+_KIND, _ANY_SIZE, _CHUNK = "a spreadsheet", 1 << 62, 1 << 20
 _PLACE = re.compile(rb"""\sr\s?=\s?["']([A-Za-z]{0,3})([0-9]{1,7})["']""")
 
 

@@ -42,11 +42,9 @@ def load_library(module: str, package: str, name: str, kind: str) -> Any:
 # What a container holds: a table of numbers, or text that is read by the rules of text files.
 
 
-MAX_NUMBERS = 1 << 28
-"""Most numbers of one table: 2 GiB as float64. A small file can claim any size."""
-
-MAX_COLUMNS = 256
-"""Most channels of one table; what is wider is a list or an image."""
+MAX_NUMBERS, MAX_COLUMNS = 1 << 28, 256
+"""Most numbers of one table: 2 GiB as float64. A small file can claim any size.
+Most channels of one table; what is wider is a list or an image."""
 
 
 @dataclass(frozen=True)

@@ -30,9 +30,8 @@ MAX_BYTES = 1 << 28
 
 _COSTS = {b",": 60, b":": 60, b"[": 64, b"{": 200}
 """Approximate memory for each occurrence of a mark, bytes: of a value, a name, a list, an object."""
-_TEXTS = 3
+_TEXTS, _MAX_DEPTH = 3, 8
 """Copies of its characters in memory: the bytes of the file, its text, and the values."""
-_MAX_DEPTH = 8
 _SEVERAL = re.compile(r"^\}\s{0,99}^\{", re.MULTILINE)
 """Between two objects, each on several lines, that follow each other in one file."""
 Rows = list[dict[str, Any]] | list[list[Any]]
@@ -114,12 +113,8 @@ def _is_grid(value: list[Any], width: int) -> bool:
 
 def _columns(value: dict[str, Any]) -> Rows:
     """`{"time": [0, 1], "x": [5, 6]}`, `{"x": {"data": [5]}}` and `{"columns": ["x"], "data": [[5]]}` by rows."""
-    names = [str(name) for name in _list(value.get("columns"))]
-    table = next(
-        (part for part in map(_list, value.values()) if names and part and _is_grid(part, len(names))), None
-    )
-    if table:
-        return [dict(zip(names, row, strict=True)) for row in table]
+    if "columns" in value:
+        return _of_pairs([value])
     lists = {key: _list(part) or _list(_dict(part).get("data")) for key, part in value.items()}
     plain = {key: part for key, part in lists.items() if part and not isinstance(part[0], (dict, list))}
     lengths = {len(part) for part in plain.values()}
@@ -137,8 +132,7 @@ def _series(value: dict[str, Any]) -> Rows:
 # Zip archives of text tables, as phone apps share them (phyphox, Sensor Logger): one table is read.
 
 
-_SUFFIXES = (".csv", ".tsv", ".txt", ".dat", ".log")
-_MAX_FILES = 1000
+_SUFFIXES, _MAX_FILES = (".csv", ".tsv", ".txt", ".dat", ".log"), 1000
 _PACKINGS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
 """Other methods unpack a whole piece at once: gigabytes from one kilobyte of bzip2."""
 _HEAD_BYTES, _CHUNK = 8192, 1 << 20

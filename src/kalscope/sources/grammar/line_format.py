@@ -38,9 +38,8 @@ def find_object(line: str) -> list[tuple[str, str]] | None:
     `{"t": 1, "imu": {"acc": [0.1, 9.8]}}` holds t, imu.acc[0] and imu.acc[1]; `{'t': 1}` is how Python prints one.
     """
     if line.lstrip().startswith("{'"):
-        line = (
-            line.replace("'", '"').replace(" None", " null").replace(" True", " true").replace(" False", " false")
-        )
+        for word, of_json in (("'", '"'), (" None", " null"), (" True", " true"), (" False", " false")):
+            line = line.replace(word, of_json)
     try:
         value = load_json(line)
     except ValueError:
@@ -105,15 +104,14 @@ _TOPIC = re.compile(r"([A-Za-z$][^\s,;:=\"{/]{0,99}/[^\s,;:=\"{]{0,200}) (\S{1,4
 """`home/barn/temperature 21.5`: what mosquitto_sub -v writes."""
 _REMARK = re.compile(r"[ \t]\([a-z0-9][^()]{1,80}\)$")
 """`Core 0: +42.0°C  (high = +80.0°C, crit = +100.0°C)`: lm-sensors."""
-_OF = re.compile(r"(?<![/0-9.])([0-9.]{1,12}) ?/([0-9.]{1,12})(?![/0-9.])")
-"""A value and what it is compared with: `T:20.9 /210.0` of Marlin, `Quality=43/70`."""
-_CELL = re.compile(r'[,;](?! )|"')
-"""What shows that the text before an object is a cell of a table, not what a logger writes."""
+_OF, _CELL = re.compile(r"(?<![/0-9.])([0-9.]{1,12}) ?/([0-9.]{1,12})(?![/0-9.])"), re.compile(r'[,;](?! )|"')
+"""A value and what it is compared with: `T:20.9 /210.0` of Marlin, `Quality=43/70`.
+What shows that the text before an object is a cell of a table, not what a logger writes."""
 _MAX_PREFIX = 240
 """Characters before the object of `tele/barn/SENSOR = {"Temperature": 21.5}`."""
 
 
-def find_labels(line: str) -> Pairs | None:
+def find_pairs(line: str) -> Pairs | None:
     """(label, value text) pairs of `a:1,b:2`, `a: 1 b: 2`, `Sensor Value: 155, Volts: 0.76`, `a=1 b=2`, `{"a":1}`.
 
     None if anything else is on the line, such as a number that has no label, or a label is a number (`12:30:05`).
@@ -139,9 +137,8 @@ def _labelled(text: str, mark: str) -> Pairs | None:
     is_decimal = text.count(mark) > 1 and len(_COMMA_IN_NUMBER.findall(text)) == text.count(",")
     is_decimal = is_decimal and not _POINT_IN_NUMBER.search(text)
     pairs, size = Pairs(), 0
-    for part in (_BUT_COMMAS if is_decimal else _BETWEEN_PAIRS).split(
-        _AFTER_LIST.sub(r"\1,", _OF.sub(r"\1 /\2", text))
-    ):
+    text = _AFTER_LIST.sub(r"\1,", _OF.sub(r"\1 /\2", text))
+    for part in (_BUT_COMMAS if is_decimal else _BETWEEN_PAIRS).split(text):
         found = _pairs(part, mark) if part.strip() else []
         if found is None and not pairs and part.isalpha():
             continue  # `Idle|MPos:0,0,0` of Grbl
@@ -227,11 +224,8 @@ def _logged(text: str) -> Pairs | None:
     if "=" in text and (match := _LINE_PROTOCOL.fullmatch(text)) is not None:
         fields = (part.partition("=") for part in match[2].split(","))
         key = " ".join(part.rpartition("=")[2] for part in match[1].split(","))
-        return [
-            (SERIES_KEY, key),
-            ("time", match[3]),
-            *((name, value.removesuffix("i")) for name, _, value in fields),
-        ]
+        values = [(name, value.removesuffix("i")) for name, _, value in fields]
+        return [(SERIES_KEY, key), ("time", match[3]), *values]
     start = text.find("{", 0, _MAX_PREFIX)
     if start > 0 and text.endswith(("}", "}'")):
         before = text[:start]

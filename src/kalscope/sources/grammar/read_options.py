@@ -20,6 +20,11 @@ DELIMITERS = tuple(WORD_OF_DELIMITER)
 _MARK_OF_WORD = {word: mark for mark, word in {**WORD_OF_DELIMITER, **WORD_OF_DECIMAL}.items()} | {"\\t": "\t"}
 
 
+def word_of_mark(mark: str, option: str) -> str:
+    """The word of the command line for a delimiter or a decimal mark, as its `option` takes it."""
+    return (WORD_OF_DECIMAL if option == "decimal" else WORD_OF_DELIMITER)[mark]
+
+
 def _is_line_number(value: object) -> bool:
     return value is None or (isinstance(value, int) and value >= 0)
 

@@ -329,9 +329,8 @@ def _check_format(form: str) -> None:
     except (ValueError, re.error) as error:  # strptime makes a pattern with a named group for each code
         valid = "does not match" in str(error)
     if not valid or "%" not in form:
-        raise BadSetting(
-            f'time_format must hold codes of strptime, each once, such as "%d.%m.%Y %H:%M:%S" (got {form!r})'
-        )
+        example = '"%d.%m.%Y %H:%M:%S"'
+        raise BadSetting(f"time_format must hold codes of strptime, each once, such as {example} (got {form!r})")
 
 
 # Whether a cell is a stamp at all, whatever its form.
@@ -355,10 +354,9 @@ def is_stamp(cell: str) -> bool:
 # How well stamps show that they are the time: fill, order, resolution, evenness.
 
 
-MAX_BACK = 0.25
-"""Share of steps back with which numbers may be a time whose name is clear."""
-MIN_EVEN = 0.9
-"""Share of alike steps of a ramp that is a time although no name says it."""
+MAX_BACK, MIN_EVEN = 0.25, 0.9
+"""Share of steps back with which numbers may be a time whose name is clear.
+Share of alike steps of a ramp that is a time although no name says it."""
 _WEIGHT_FILL, _WEIGHT_BACK = 10.0, 20.0
 _WEIGHT_DISTINCT, _WEIGHT_EVEN = 3.0, 1.0
 _EVEN_WITHIN, _EXACT_WITHIN = 0.2, 0.001
@@ -485,9 +483,8 @@ def unwrap(stamps: Array, column: TimeColumn | None = None) -> tuple[Array, str]
         if wraps.size and fits:
             turned = np.zeros(len(stamps))
             turned[wraps + 1] = size
-            return stamps + np.cumsum(
-                turned
-            ), f"the stamps wrap {times(wraps.size)}, like {what}, and were unwrapped"
+            said = f"the stamps wrap {times(wraps.size)}, like {what}, and were unwrapped"
+            return stamps + np.cumsum(turned), said
     return stamps, ""
 
 
@@ -503,10 +500,9 @@ _CLOCK_FORMS: tuple[ClockForm, ...] = ("h:m:s", "elapsed", "h:mm")
 _LATE_US, _ROUND_US = 23 * 3600e6, 300e6
 """A log that begins at 00:00 and ends after 23:00, or whose stamps are multiples of 5, has hours and minutes."""
 _ORDERS: tuple[DateOrder, ...] = ("ymd", "dmy", "mdy")
-_DIGITS = (8, 10, 12, 14)
-"""Digits of YYYYMMDD, YYYYMMDDHH, YYYYMMDDHHMM and YYYYMMDDHHMMSS."""
-_LIKELY_HOURS = ("19", "20")
-"""Centuries of YYYYMMDDHH whose rows may be few; those of 18… are also seconds since 1970, from 2027 on."""
+_DIGITS, _LIKELY_HOURS = (8, 10, 12, 14), ("19", "20")
+"""Digits of YYYYMMDD, YYYYMMDDHH, YYYYMMDDHHMM and YYYYMMDDHHMMSS.
+Centuries of YYYYMMDDHH whose rows may be few; those of 18… are also seconds since 1970, from 2027 on."""
 
 
 @dataclass(frozen=True)

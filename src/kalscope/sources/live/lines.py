@@ -19,19 +19,15 @@ from kalscope.sources.reading.line_parser import LineParser
 from kalscope.sources.reading.line_reader import LineEvent
 from kalscope.sources.reading.sniffer import Layout
 
-BOOT_SECONDS = 2.0
-"""Seconds after an opening in which a board may restart: a line that is not a row is then boot text, not damage."""
-_SILENCE = 0.3
-"""Seconds without a byte after which a new line begins: a line is sent in one go."""
-_MAX_REJECTED_RUN = 32
-"""Successive rejected lines after which the board is assumed to run another program."""
-_ODD_SHARE = 0.25
-_MIN_BYTES_JUDGED = 200
+BOOT_SECONDS, _SILENCE, _MAX_REJECTED_RUN = 2.0, 0.3, 32
+"""Seconds after an opening in which a board may restart: a line that is not a row is then boot text, not damage.
+Seconds without a byte after which a new line begins: a line is sent in one go.
+Successive rejected lines after which the board is assumed to run another program."""
+_ODD_SHARE, _MIN_BYTES_JUDGED = 0.25, 200
 
 _ODD = bytes(set(range(256)) - set(range(32, 127)) - set(b"\t\r\n"))
 _NUMBER_MARKS = "0123456789+-.eE,;|[]() \t"
-_LINE_END = re.compile(rb"\r\n?|\n")
-_CELL_END = re.compile(r"[,;|\s]+")
+_LINE_END, _CELL_END = re.compile(rb"\r\n?|\n"), re.compile(r"[,;|\s]+")
 # What the ROM of an ESP chip prints before any program runs; some of it reads as name:value pairs.
 _BOOT_TEXT = re.compile(r"0x[0-9A-Fa-f]{2}|^ets [A-Z][a-z]{2} |^mode:[A-Z]+, clock div:")
 

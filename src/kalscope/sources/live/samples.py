@@ -91,18 +91,14 @@ class SampleStore:
 # comes out never steps back, and after a pause it is the true time again.
 
 
-_LOOK = 0.2
-"""Seconds of host time after which the unit of a stamp is judged, if the board does not name it."""
-_SOON = 64
-"""Rows after which it is judged anyway: a replay may come much faster than it was sampled."""
-_TICK = 1e-6
-"""Least step of host time, s."""
-_COUNTER = 2.0**32
-"""Stamps after which a counter of 32 bits wraps: that of `micros()` does every 72 minutes."""
-_STEPS = 4096
-"""Steps from which period and jitter are judged."""
-_PAUSE = 0.5
-"""Seconds without a line that are a pause and not a step, unless the lines come that slowly."""
+_LOOK, _SOON, _TICK = 0.2, 64, 1e-6
+"""Seconds of host time after which the unit of a stamp is judged, if the board does not name it.
+Rows after which it is judged anyway: a replay may come much faster than it was sampled.
+Least step of host time, s."""
+_COUNTER, _STEPS, _PAUSE = 2.0**32, 4096, 0.5
+"""Stamps after which a counter of 32 bits wraps: that of `micros()` does every 72 minutes.
+Steps from which period and jitter are judged.
+Seconds without a line that are a pause and not a step, unless the lines come that slowly."""
 
 
 @dataclass(frozen=True)
@@ -252,10 +248,9 @@ class LiveTime:
 # Not thread-safe: the owner holds a lock around each call.
 
 
-MAX_NUMBERS = 1 << 25
-"""Most numbers of one board that are sure to be kept, 256 MiB: with more than 32 channels, fewer samples each."""
-_PERIOD_MOVES = 0.005
-"""A smaller change of the period, as a share of it, is not shown: what is derived from it would flicker."""
+MAX_NUMBERS, _PERIOD_MOVES = 1 << 25, 0.005
+"""Most numbers of one board that are sure to be kept, 256 MiB: with more than 32 channels, fewer samples each.
+A smaller change of the period, as a share of it, is not shown: what is derived from it would flicker."""
 
 
 @dataclass(frozen=True)
@@ -327,9 +322,8 @@ class LiveSamples:
         if not period or not self._period or abs(period / self._period - 1) > _PERIOD_MOVES:
             self._period = period
         time, values = store.views()
-        recording = Recording(
-            time, self._names, self._units, values, self._period, report, source=self._spec.text, title=url
-        )
+        held = time, self._names, self._units, values, self._period
+        recording = Recording(*held, report, source=self._spec.text, title=url)
         self._snapshot = Snapshot(recording, store.first, self.generation, store.end)
         return self._snapshot
 
@@ -338,11 +332,9 @@ class LiveSamples:
         if layout is not self._layout:
             self._adopt(layout)
         at, channels = (layout.time.index if layout.time else -1), layout.channels
-        rows = [
-            ArrivedRow(host, row[at] if at >= 0 else math.nan, tuple(row[i] for i in channels))
-            for host, event in stamped
-            for row in event.rows
-        ]
+        arrived = ((host, row) for host, event in stamped for row in event.rows)
+        few = ((host, row[at] if at >= 0 else math.nan, tuple(row[i] for i in channels)) for host, row in arrived)
+        rows = [ArrivedRow(*row) for row in few]
         self.store.append(*self.time.place(gathered(rows) if layout.form.kind == "teleplot" else rows))
 
     def _adopt(self, layout: Layout) -> None:

@@ -38,18 +38,14 @@ from kalscope.sources.recorder import Recorder, StampedLine
 # Commands to a board: one line is sent, lines with # that follow are the reply.
 
 
-MAX_COMMAND_BYTES = 63
-"""Bytes of one line to the board, newline included: the receive buffer of an AVR holds 64."""
-ANSWER_S = 5.0
-"""Seconds within which a board answers."""
-_TICK = 0.1
-"""Seconds between two checks whether the caller still waits."""
-_REPLY_PAUSE = 1.0
-"""Seconds without any line after which a reply is complete; the next sample completes it at once."""
-_MAX_REPLY_S = 2.0
-"""Seconds after which it is taken as complete anyway: a board may send without end."""
-_MAX_REMARKS = 1000
-"""Remarks that may wait for a listener; further ones are dropped."""
+MAX_COMMAND_BYTES, ANSWER_S, _TICK = 63, 5.0, 0.1
+"""Bytes of one line to the board, newline included: the receive buffer of an AVR holds 64.
+Seconds within which a board answers.
+Seconds between two checks whether the caller still waits."""
+_REPLY_PAUSE, _MAX_REPLY_S, _MAX_REMARKS = 1.0, 2.0, 1000
+"""Seconds without any line after which a reply is complete; the next sample completes it at once.
+Seconds after which it is taken as complete anyway: a board may send without end.
+Remarks that may wait for a listener; further ones are dropped."""
 
 
 class Remark(str):
@@ -143,12 +139,10 @@ class CommandChannel:
 # The status of a live source: its counts, and a sentence for the user if something is wrong.
 
 
-_RATE_OVER = 2.0
-"""Seconds over which the lines per second are averaged."""
-_SILENT_AFTER = 5.0
-"""Seconds after which a source that should send is reported as silent."""
-_MIN_LINES_JUDGED = 20
-"""Lines among which one with numbers is expected."""
+_RATE_OVER, _SILENT_AFTER, _MIN_LINES_JUDGED = 2.0, 5.0, 20
+"""Seconds over which the lines per second are averaged.
+Seconds after which a source that should send is reported as silent.
+Lines among which one with numbers is expected."""
 
 
 @dataclass(kw_only=True)
@@ -174,12 +168,10 @@ class LiveStatus(LineCounts):
 # The source.
 
 
-MAX_WAITING_BYTES = 1 << 20
-"""Bytes that may wait to be parsed: 91 s of a port at 115200 baud. Beyond that lines are left out."""
-TICK = 0.1
-"""Seconds without a line after which the second thread updates the recorder and the rate."""
-_PART_OF_A_LINE = 0.25
-"""Most seconds before a read in which its first line may have begun to arrive."""
+MAX_WAITING_BYTES, TICK, _PART_OF_A_LINE = 1 << 20, 0.1, 0.25
+"""Bytes that may wait to be parsed: 91 s of a port at 115200 baud. Beyond that lines are left out.
+Seconds without a line after which the second thread updates the recorder and the rate.
+Most seconds before a read in which its first line may have begun to arrive."""
 
 
 class LiveSource:

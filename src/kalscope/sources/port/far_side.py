@@ -20,17 +20,13 @@ import select
 import stat
 import sys
 
-MARK = b"\0kalscope "
-"""Precedes the first answer: what a login shell prints before it is skipped."""
-DEVICE = -1
-"""The answer for a serial port, in place of a position."""
-MAX_SILENCE = 15
-"""Seconds without a byte on standard input after which a port is given up."""
-PIECE = 8_192
-"""Bytes of one read of a file."""
-MAX_BEFORE = 64
-"""Bytes before a position in a file by which the position is recognised."""
-_POLL = 0.1
+MARK, DEVICE, MAX_SILENCE = b"\0kalscope ", -1, 15
+"""Precedes the first answer: what a login shell prints before it is skipped.
+The answer for a serial port, in place of a position.
+Seconds without a byte on standard input after which a port is given up."""
+PIECE, MAX_BEFORE, _POLL = 8_192, 64, 0.1
+"""Bytes of one read of a file.
+Bytes before a position in a file by which the position is recognised."""
 
 
 class GrowingFile:

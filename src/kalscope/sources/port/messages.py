@@ -17,15 +17,8 @@ from urllib.parse import unquote
 
 from kalscope.errors import BadDevice, BadSetting
 from kalscope.sources.grammar.cells import MISSING, is_number, split_measure
-from kalscope.sources.grammar.line_format import find_labels, split_teleplot
-from kalscope.sources.port.reader import (
-    CONNECT_TIMEOUT,
-    MAX_READ_BYTES,
-    MQTT_PASSWORD,
-    READ_TIMEOUT,
-    OpenPort,
-    quoted,
-)
+from kalscope.sources.grammar.line_format import find_pairs, split_teleplot
+from kalscope.sources.port.reader import CONNECT_TIMEOUT, MAX_READ_BYTES, MQTT_ENV, READ_TIMEOUT, OpenPort, quoted
 from kalscope.sources.port.serial_port import host_and_port
 
 if TYPE_CHECKING:
@@ -36,17 +29,15 @@ if TYPE_CHECKING:
 
 MAX_SHOWN = 200
 """Bytes of a binary message that are passed on, as one line that is then rejected."""
-_BINARY = re.compile(rb"[\x00-\x08\x0e-\x1a\x1c-\x1f\x7f]")
-_LINE_END = re.compile(r"[\r\n]+")
+_BINARY, _LINE_END = re.compile(rb"[\x00-\x08\x0e-\x1a\x1c-\x1f\x7f]"), re.compile(r"[\r\n]+")
 
 
 def lines_of(data: bytes) -> bytes:
     r"""The lines of one message, each with its \n; b"" for none. A binary one is one line, to be rejected."""
     if _BINARY.search(data):
         return b"\0" + data[:MAX_SHOWN].replace(b"\r", b" ").replace(b"\n", b" ") + b"\n"
-    return "".join(
-        f"{_marked(line)}\n" for line in _LINE_END.split(data.decode("utf-8", "replace")) if line.strip()
-    ).encode()
+    lines = _LINE_END.split(data.decode("utf-8", "replace"))
+    return "".join(f"{_marked(line)}\n" for line in lines if line.strip()).encode()
 
 
 def _marked(line: str) -> str:
@@ -96,13 +87,11 @@ class MessagePort(OpenPort):
 # topics each value becomes a line of Teleplot, `>barn/temperature:21.5`, so that topics may come and go.
 
 
-MAX_PAYLOAD = 65_536
-"""Bytes of one payload, as of one line: a larger one is a picture or a file."""
-MAX_TOPIC = 200
-"""Characters of the name that a topic gives to its channels; the rest is cut off."""
+MAX_PAYLOAD, MAX_TOPIC = 65_536, 200
+"""Bytes of one payload, as of one line: a larger one is a picture or a file.
+Characters of the name that a topic gives to its channels; the rest is cut off."""
 
-_CELLS = re.compile(r"[,;\s]+")
-_NO_NAME = re.compile(r"[:;>|§\x00-\x1f\x7f]")
+_CELLS, _NO_NAME = re.compile(r"[,;\s]+"), re.compile(r"[:;>|§\x00-\x1f\x7f]")
 
 
 def topic_lines(subscribed: str, topic: str, payload: bytes) -> bytes:
@@ -141,7 +130,7 @@ def _values(text: str) -> list[tuple[str, str, str]]:
     """(end of the name, number, unit) of each value of a payload: a number, named values, or a list of numbers."""
     if measure := _measure(text):
         return [("", *measure)]
-    found, cells = find_labels(text), _CELLS.split(text.strip("[] "))
+    found, cells = find_pairs(text), _CELLS.split(text.strip("[] "))
     if found is not None:
         pairs = [(f".{label}", value) for label, value in found]
     else:
@@ -163,10 +152,9 @@ def _measure(text: str) -> tuple[str, str] | None:
 
 PORT, TLS_PORT = 1883, 8883
 """Ports of mqtt:// and mqtts:// where the address names none."""
-KEEP_ALIVE = 15
-"""Seconds without a packet after which the broker is pinged."""
-_REFUSED = 128
-"""The lowest reason code of MQTT by which a broker refuses."""
+KEEP_ALIVE, _REFUSED = 15, 128
+"""Seconds without a packet after which the broker is pinged.
+The lowest reason code of MQTT by which a broker refuses."""
 
 _ADDRESS = re.compile(
     r"(mqtts?)://(?:([^@/\s]*)@)?(?:\[([0-9A-Fa-f:.]+)\]|([^/:?@\[\]\s]+))(?::([0-9]{1,5}))?/(.+)",
@@ -217,13 +205,12 @@ class MqttPort(MessagePort):
         self.when_silent = f"does anything publish on {self._topic}, and may this user read it?"
         self._answer: int | None = None
         """The broker's answer to the connection and the subscription, a reason code: 128 and more refuse."""
-        self._client: Any = paho.Client(
-            paho.CallbackAPIVersion.VERSION2, protocol=paho.MQTTv311, reconnect_on_failure=False
-        )
+        version = paho.CallbackAPIVersion.VERSION2
+        self._client: Any = paho.Client(version, protocol=paho.MQTTv311, reconnect_on_failure=False)
         self._client.on_connect, self._client.on_subscribe = self._on_connect, self._on_subscribe
         self._client.on_message = self._take
         if match[2]:
-            self._client.username_pw_set(unquote(match[2]), os.environ.get(MQTT_PASSWORD))
+            self._client.username_pw_set(unquote(match[2]), os.environ.get(MQTT_ENV))
         if tls:  # trusts what this system trusts, or the file that SSL_CERT_FILE names
             context = ssl.create_default_context()
             context.sslsocket_class = _TlsSocket
@@ -245,7 +232,7 @@ class MqttPort(MessagePort):
         if self._answer >= _REFUSED:
             raise BadDevice(
                 f"the broker {self._host} refuses this user or this topic (reason code {self._answer}):"
-                f" mqtt://user@{self._host}/…, and set {MQTT_PASSWORD}"
+                f" mqtt://user@{self._host}/…, and set {MQTT_ENV}"
             )
 
     def _on_connect(self, client: Any, _data: Any, _flags: Any, code: Any, _properties: Any) -> None:
@@ -293,12 +280,10 @@ class MqttPort(MessagePort):
 # address names an interface, because anyone who reaches it can send.
 
 
-LOOPBACK = "127.0.0.1"
-"""What is bound where the address names no interface: this machine alone reaches it."""
-MAX_DATAGRAM = 65_535
-"""Bytes of one datagram: none can be longer."""
-UDP_RECEIVE_BUFFER = 4 << 20
-"""Bytes that the system is asked to buffer; Linux gives 2 × net.core.rmem_max at most."""
+LOOPBACK, MAX_DATAGRAM, UDP_RECEIVE_BUFFER = "127.0.0.1", 65_535, 4 << 20
+"""What is bound where the address names no interface: this machine alone reaches it.
+Bytes of one datagram: none can be longer.
+Bytes that the system is asked to buffer; Linux gives 2 × net.core.rmem_max at most."""
 
 
 class UdpPort(MessagePort):

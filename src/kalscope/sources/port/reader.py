@@ -24,12 +24,10 @@ if TYPE_CHECKING:
 # What a transport offers: an address that may be opened again and again, and the port that is open.
 
 
-READ_TIMEOUT = 0.1
-"""Seconds after which a read without data returns, so that close never waits longer."""
-CONNECT_TIMEOUT = 5.0
-"""Seconds within which the other side must answer."""
-MAX_READ_BYTES = 1 << 13
-"""Bytes of one read: whether to stop is checked between two of them."""
+READ_TIMEOUT, CONNECT_TIMEOUT, MAX_READ_BYTES = 0.1, 5.0, 1 << 13
+"""Seconds after which a read without data returns, so that close never waits longer.
+Seconds within which the other side must answer.
+Bytes of one read: whether to stop is checked between two of them."""
 
 Start = Literal["inside a line", "at a line", "where it stopped"]
 """Where the first byte after an opening is: in general inside a line, of which the beginning is lost; at the
@@ -90,7 +88,7 @@ Opener = Callable[["PortSpec", Callable[[], bool], OpenPort | None], OpenPort]
 # Addresses and reasons as messages repeat them: on one line, not too long, and without a password.
 
 
-MQTT_PASSWORD = "KALSCOPE_MQTT_PASSWORD"
+MQTT_ENV = "KALSCOPE_MQTT_PASSWORD"
 """The environment variable that holds the password of a broker."""
 _PASSWORD = re.compile(r"([^:/]*://[^:]*):(?!\d+@\d+\Z).*@", re.DOTALL)  # not host:port@baud
 
@@ -106,7 +104,7 @@ def refuse_password(address: str) -> None:
     if _PASSWORD.match(address):
         raise BadSetting(
             "an address must hold no password: ssh:// uses your keys, mqtt:// the environment variable"
-            f" {MQTT_PASSWORD}; an @ of a path or a topic is written %40 (got {quoted(address)})"
+            f" {MQTT_ENV}; an @ of a path or a topic is written %40 (got {quoted(address)})"
         )
 
 

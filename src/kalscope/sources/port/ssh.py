@@ -67,25 +67,21 @@ class FilePort(GrowingFile, OpenPort):
 # ssh://host/path.
 
 
-CONNECT_TIMEOUT = 20.0
-"""Seconds within which the other machine must have answered; a Raspberry Pi starts Python in one."""
-COMMAND = """exec python3 -I -c 'f=open(0,"rb",0,closefd=0);exec(f.readline())'"""
-"""What the login shell of the other machine runs: every shell parses it alike, and nothing is ever inserted."""
+CONNECT_TIMEOUT, COMMAND = 20.0, """exec python3 -I -c 'f=open(0,"rb",0,closefd=0);exec(f.readline())'"""
+"""Seconds within which the other machine must have answered; a Raspberry Pi starts Python in one.
+What the login shell of the other machine runs: every shell parses it alike, and nothing is ever inserted."""
 _SETTINGS = """
 BatchMode=yes StrictHostKeyChecking=yes ConnectTimeout=10 ServerAliveInterval=5 ServerAliveCountMax=3
 ControlMaster=no ClearAllForwardings=yes ForwardAgent=no ForwardX11=no PermitLocalCommand=no RemoteCommand=none
 """  # ControlMaster would outlive this program; one that runs already is used
 OPTIONS = ("-T", "-enone", *(f"-o{setting}" for setting in _SETTINGS.split()))
-_ALIVE_EVERY = 3.0
-"""Seconds between two keep-alive bytes; far_side.MAX_SILENCE is five times as long."""
-_MAX_GREETING = 1 << 16
-"""Bytes that a login shell may print before the first answer."""
-_MAX_WAITING = 64
-"""Pieces of at most MAX_READ_BYTES that wait to be fetched."""
-_END_S = 0.5
-"""Seconds that ssh has to end by itself."""
-_CONNECTION_FAILED = 255
-"""Exit status of ssh where it is the connection that failed."""
+_ALIVE_EVERY, _MAX_GREETING, _MAX_WAITING = 3.0, 1 << 16, 64
+"""Seconds between two keep-alive bytes; far_side.MAX_SILENCE is five times as long.
+Bytes that a login shell may print before the first answer.
+Pieces of at most MAX_READ_BYTES that wait to be fetched."""
+_END_S, _CONNECTION_FAILED = 0.5, 255
+"""Seconds that ssh has to end by itself.
+Exit status of ssh where it is the connection that failed."""
 _ADDRESS = re.compile(
     r"ssh://(?:([A-Za-z0-9_][A-Za-z0-9_.-]*)@)?(\[[0-9A-Fa-f:.]+\]|[A-Za-z0-9_][A-Za-z0-9_.-]*)(?::([0-9]{1,5}))?(/.+)",
     re.IGNORECASE | re.DOTALL,
@@ -170,13 +166,9 @@ class SshPort(OpenPort):
     def _request(self, spec: PortSpec) -> bytes:
         """The program for the other machine, on one line, and what it is to open."""
         path = unquote(ssh_parts(spec.url)[4])
-        request = {
-            "path": path[1:] if path.startswith("/~/") else path,
-            "baud": spec.baud,
-            "reset": spec.reset,
-            "position": self.place[0],
-            "before": self.place[1].hex(),
-        }
+        path = path[1:] if path.startswith("/~/") else path
+        request = {"path": path, "baud": spec.baud, "reset": spec.reset}
+        request |= {"position": self.place[0], "before": self.place[1].hex()}
         script = Path(far_side.__file__).read_text(encoding="utf-8")
         return f"exec({script!a})\n{json.dumps(request)}\n".encode("ascii")
 

@@ -20,11 +20,9 @@ from kalscope.sources.reading.sniffer import MAX_COLUMNS
 # How a recording was read, as text: one line of summary, warnings, and the account of every line.
 
 
-MAX_SHARE = 0.02
-"""More rejected lines or cells without a number than this share are worth a warning; a single one is not."""
-
-MAX_ASSUMPTIONS = 4
-"""Assumptions that are shown with a summary."""
+MAX_SHARE, MAX_ASSUMPTIONS = 0.02, 4
+"""More rejected lines or cells without a number than this share are worth a warning; a single one is not.
+Assumptions that are shown with a summary."""
 
 
 def summary(recording: Recording) -> str:
@@ -94,22 +92,16 @@ def account(recording: Recording) -> str:
     Every line of the file is in exactly one of the counts.
     """
     report, n = recording.report, len(recording)
-    channels = (
-        f"{name} [{unit}]" if unit else name for name, unit in zip(recording.names, recording.units, strict=True)
-    )
+    named = zip(recording.names, recording.units, strict=True)
+    channels = (f"{name} [{unit}]" if unit else name for name, unit in named)
     lines = [f"{recording.title or 'recording'}: {n} {'sample' if n == 1 else 'samples'} of {', '.join(channels)}"]
     lines += [f"  warning: {sentence}" for sentence in warnings(recording)]
     if recording.sample_period is not None:
         lines.append(f"  one sample every {recording.sample_period:.9g} s")
-    parts = {
-        "with data": report.rows,
-        "rejected": report.rejected,
-        "blank": report.blank,
-        "comments and text": report.comments,
-        "header": report.headers,
-    }
+    numbers = report.rows, report.rejected, report.blank, report.comments, report.headers
+    kinds = "with data", "rejected", "blank", "comments and text", "header"
     if report.lines:  # a synthetic signal has none
-        counts = " + ".join(f"{number} {what}" for what, number in parts.items() if number)
+        counts = " + ".join(f"{number} {what}" for what, number in zip(kinds, numbers, strict=True) if number)
         lines.append(f"  {report.lines} lines = {counts}")
     facts = {
         "cells are not numbers: missing samples": report.bad_cells,
@@ -172,9 +164,8 @@ def no_table(name: str, lines: Sequence[str], options: ReadOptions) -> BadFile:
         return BadFile(f"{name} must hold lines of numbers (got {len(lines)} blank or comment lines)")
     (first, *_, last) = (*texts, *texts)
     if len(texts) <= 2 and not _numbers(texts[last], ","):
-        return BadFile(
-            f"{name} must hold numbers below its header (got only line {first}: {_quoted(texts[first])})"
-        )
+        got = f"only line {first}: {_quoted(texts[first])}"
+        return BadFile(f"{name} must hold numbers below its header (got {got})")
     mark = max(DELIMITERS, key=lambda mark: sum(_numbers(text, mark) for text in texts.values()))
     widths: dict[int, int] = {}
     for number, text in texts.items():
@@ -202,9 +193,8 @@ def no_channel(name: str, lines: Sequence[str]) -> BadFile:
     instead = "try --decimal, or --time-column none where the time is the signal"
     if _HEXADECIMAL.search(last):
         instead = "write its hexadecimal numbers as decimals"
-    return BadFile(
-        f"{name} must hold a column of numbers besides the time (got only text, as in {_quoted(last)}): {instead}"
-    )
+    must = f"{name} must hold a column of numbers besides the time"
+    return BadFile(f"{must} (got only text, as in {_quoted(last)}): {instead}")
 
 
 def no_rows(name: str, rejected: int, issues: Sequence[LineIssue]) -> BadFile:

@@ -18,25 +18,18 @@ from kalscope.sources.grammar.timestamps import TimeColumn, find_epoch, times, u
 # What the steps between stamps look like: a step per sample, a coarse clock, bursts, or samples that are lost.
 
 
-GAP_PERIODS = 1.5 * (1 + 1e-6)
-"""A step longer than this many sample periods may be a gap: at least one sample is missing. 3 ms is 1.5 × 2 ms."""
-
-_SOME_STEPS = 200_000
-"""Spread is judged on at most this many steps, evenly chosen."""
-_EVEN = 0.01
-"""Steps this close to each other, as a share of the median step, are even."""
-_MIN_RECURRENCES = 5
-"""Fewest long steps that show whether they come regularly."""
-_REGULAR = 0.35
-"""Eight of ten distances between long steps are this close, as a share of their median, where they are regular."""
-_MAX_BURST_ROWS = 64
-"""More rows than this, evenly stamped between two long steps, are not a burst but a logger that pauses."""
-_MAX_BURST_STEP = 0.1
-"""Rows that come slower than this, s, do not come in a burst."""
-_MIN_REPEATS = 0.15
-"""Least share of stamps that repeat the one before where the clock is coarse even if they come irregularly."""
-_FEW_REPEATS = 0.03
-"""Fewer than this are samples that were written twice."""
+GAP_PERIODS, _SOME_STEPS, _EVEN = 1.5 * (1 + 1e-6), 200_000, 0.01
+"""A step longer than this many sample periods may be a gap: at least one sample is missing. 3 ms is 1.5 × 2 ms.
+Spread is judged on at most this many steps, evenly chosen.
+Steps this close to each other, as a share of the median step, are even."""
+_MIN_RECURRENCES, _REGULAR, _MAX_BURST_ROWS = 5, 0.35, 64
+"""Fewest long steps that show whether they come regularly.
+Eight of ten distances between long steps are this close, as a share of their median, where they are regular.
+More rows than this, evenly stamped between two long steps, are not a burst but a logger that pauses."""
+_MAX_BURST_STEP, _MIN_REPEATS, _FEW_REPEATS = 0.1, 0.15, 0.03
+"""Rows that come slower than this, s, do not come in a burst.
+Least share of stamps that repeat the one before where the clock is coarse even if they come irregularly.
+Fewer than this are samples that were written twice."""
 
 
 @dataclass(frozen=True)
@@ -149,16 +142,14 @@ def lasting_steps(time: Array, steps: Array, candidates: Indices, period: float,
 
 
 _NO_PAUSES = np.zeros(0, dtype=np.int64)
-_ON_GRID = 0.02
-"""Steps and stamps that miss the even grid by this share of the usual step are on it."""
-_MIN_CHANGES = 3
-"""Fewest changes of a coarse clock that show its rate."""
+_ON_GRID, _MIN_CHANGES = 0.02, 3
+"""Steps and stamps that miss the even grid by this share of the usual step are on it.
+Fewest changes of a coarse clock that show its rate."""
 _MIN_BLOCKS, _BLOCKS = 8, 32
 """The error of a rate is judged by how much it differs between parts of the recording."""
-_STEADY = 0.1
-"""Width of the middle half of the spacings of blocks, as a share of their median, where rows come steadily."""
-_BURST_SHARE = 2 / 3
-"""Where more of the time passes in steps longer than 1.5 periods, the rows come in bursts."""
+_STEADY, _BURST_SHARE = 0.1, 2 / 3
+"""Width of the middle half of the spacings of blocks, as a share of their median, where rows come steadily.
+Where more of the time passes in steps longer than 1.5 periods, the rows come in bursts."""
 
 
 @dataclass(frozen=True)
@@ -402,12 +393,10 @@ def unit_by_magnitude(stamps: Array, *, printed: bool = False) -> str:  # noqa: 
         return "s"
     if step % 60 == 0 and (3600 % step == 0 or step % 3600 == 0) and not in_minutes:
         return "s"
-    if (
-        step in _STEPS_S
-        and not printed
-        and low in (0, step)
-        and np.mean(np.diff(stamps[:100_000]) == step) >= _EXACT
-    ):
+    is_exact = float(np.count_nonzero(np.diff(stamps[:100_000]) == step)) >= _EXACT * (
+        min(len(stamps), 100_000) - 1
+    )
+    if step in _STEPS_S and not printed and low in (0, step) and is_exact:
         return "s"
     if high < _WEEK_MS and (step < _LONG_STEP_MS or in_minutes):
         return "ms"
@@ -493,8 +482,7 @@ def _median_step(stamps: Array) -> float:
 # Gaps in time as rows of missing samples.
 
 
-_MAX_INSERTED_PER_ROW = 20
-_ALWAYS_ALLOWED = 1_000_000
+_MAX_INSERTED_PER_ROW, _ALWAYS_ALLOWED = 20, 1_000_000
 
 
 def missing_rows(time: Array, pauses: Indices, period: float) -> Array:
@@ -530,9 +518,9 @@ def fill_gaps(time: Array, values: Array, period: float, pauses: Indices) -> tup
     more = missing_rows(time, pauses, period)
     total = float(more.sum())
     if total > max(_MAX_INSERTED_PER_ROW * len(time), _ALWAYS_ALLOWED):
+        made = f"{total:.3g} rows of {len(time)}"
         raise BadSetting(
-            f'gaps must not be "missing" where that makes {total:.3g} rows of {len(time)} (use "dt", or a longer'
-            " sample period)"
+            f'gaps must not be "missing" where that makes {made} (use "dt", or a longer sample period)'
         )
     where = np.repeat(pauses + 1, more.astype(np.int64))
     time, values = np.insert(time, where, np.nan), np.insert(values, where, np.nan, axis=0)
@@ -574,19 +562,12 @@ def place_evenly(time: Array, rate: SampleRate) -> Array:
 # What is said about the sampling of a recording: its rate, how sure it is, its pauses.
 
 
-_STAMPS = {
-    "even": "",
-    "uneven": " from uneven stamps",
-    "bursts": " from stamps that come in bursts",
-    "coarse": " from stamps of a coarse clock",
-}
+_STAMPS = {"uneven": "uneven stamps", "bursts": "stamps that come in bursts", "coarse": "stamps of a coarse clock"}
 _SOURCES = {"option": " as requested", "file": " as stated in the file"}
-_SURE = 1e-4
-"""A standard error below this share of the rate is not reported."""
-_UNSURE = 0.01
-"""A rate by a coarse clock with a larger standard error is an assumption."""
-_ALIKE = 0.02
-"""Rates of the file and of the stamps that differ by more contradict each other."""
+_SURE, _UNSURE, _ALIKE = 1e-4, 0.01, 0.02
+"""A standard error below this share of the rate is not reported.
+A rate by a coarse clock with a larger standard error is an assumption.
+Rates of the file and of the stamps that differ by more contradict each other."""
 
 
 def _about_stamps(rate: SampleRate, sure: str) -> list[str]:
@@ -681,11 +662,8 @@ def read_time(
     crowded = rate is not None and rate.stamps in ("coarse", "bursts")
     steps = np.diff(time) if rate is None else rate.steps.all
     backward = int(np.count_nonzero(steps < 0)) if steps.size and float(steps.min()) < 0 else 0
-    notes = [
-        *([Assumption(wrapped)] if wrapped else []),
-        how,
-        *_about_order(time, steps, backward, repeated=not crowded),
-    ]
+    notes = [Assumption(wrapped), how] if wrapped else [how]
+    notes += _about_order(time, steps, backward, repeated=not crowded)
     if rate is None:  # all stamps are one step of a coarse clock, or they step back
         axis = counted_time(len(time), given)
         time = time[0] + axis.time if given.file and len(time) > 1 and not backward else time
@@ -770,7 +748,8 @@ def _timing(rate: SampleRate, pauses: Indices, given: GivenPeriod) -> tuple[Timi
             f"the file gives a sample rate of {sample_rate(given.file)}, but its stamps give {sample_rate(own)}:"
             " the stamps were used; --rate chooses the other"
         )
-    how = _SOURCES.get(source) or f"{_STAMPS[rate.stamps]}{sure}"
+    found = f" from {_STAMPS[rate.stamps]}{sure}" if rate.stamps in _STAMPS else sure
+    how = _SOURCES.get(source, found)
     summary = sample_rate(period) + how
     return Timing(rate.stamps, source, period, error, own, int(pauses.size), summary), notes
 

@@ -74,16 +74,13 @@ def first_of_each_shape(lines: Iterable[HeadLine]) -> Mapping[str, Sequence[str]
 Role = Literal["channel", "time", "text", "row name", "row number", "metadata", "empty", "series"]
 """How a column is used; "metadata" is beside the data in the first rows only."""
 
-_INDEX = re.compile(r"\s*(?:[0-9]+|[xyzijk])\s*", re.IGNORECASE)
-_SETTING_NAME = re.compile(r"= *[-+]?[0-9.]")
+_INDEX, _SETTING_NAME = re.compile(r"\s*(?:[0-9]+|[xyzijk])\s*", re.IGNORECASE), re.compile(r"= *[-+]?[0-9.]")
 """`tInc = 1e-06` in a row of names is a setting of the instrument."""
 
 
-HOST_AND_DEVICE = ("host time", "device time")
-"""The first two columns of our own recordings of a live source: two clocks of one row, neither is a channel."""
-
-ROW_NUMBER_NAME = "sample"
-"""Header of the first column of our own CSV where a recording has no time: it counts the rows."""
+HOST_AND_DEVICE, ROW_NUMBER_NAME = ("host time", "device time"), "sample"
+"""The first two columns of our own recordings of a live source: two clocks of one row, neither is a channel.
+Header of the first column of our own CSV where a recording has no time: it counts the rows."""
 
 COUNTING_NAMES = frozenset(
     ("", "#", "count", "counter", "id", "idx", "index", "no", "no.", "nr", "number", "row", "samples")
@@ -161,7 +158,7 @@ _DATE_PARTS = frozenset(("year", "month", "day", "hour", "minute"))
 
 def settle_roles(
     columns: list[Column], time: TimeColumn | None
-) -> tuple[list[Column], TimeColumn | None, tuple[str, ...]]:
+) -> tuple[list[Column], TimeColumn | None, list[str]]:
     """Columns with their final role and distinct channel names, the time column, and remarks about both.
 
     A time column on its own is the channel: a file of rising numbers is a signal.
@@ -184,7 +181,7 @@ def settle_roles(
         if columns[i].name and columns[i].name != name:
             notes.append(f'"{columns[i].name}" is repeated and is renamed "{name}"')
         columns[i] = replace(columns[i], name=name)
-    return columns, time, tuple(notes)
+    return columns, time, notes
 
 
 def distinct_names(names: list[str]) -> tuple[str, ...]:
@@ -219,9 +216,8 @@ def make_plan(head: Sequence[str], options: ReadOptions) -> Plan:
     names, units = options.header_row, options.unit_row
     for word, row in (("header", names), ("unit", units)):
         if row is not None and row > len(head):
-            raise BadSetting(
-                f"{word} row must be one of the first {len(head)} lines, above the data (got --{word}-row {row})"
-            )
+            must = f"{word} row must be one of the first {len(head)} lines, above the data"
+            raise BadSetting(f"{must} (got --{word}-row {row})")
     preface = find_preface(head)
     if names is not None:
         preface = replace(preface, header_row=names)
@@ -354,16 +350,12 @@ def column_type(cells: Sequence[str], kinds: CellKinds) -> ColumnType:
     if is_even and all(map(_HEXADECIMAL.fullmatch, cells)):
         return ColumnType("text")  # 4E, 1f03, 0x1A: those without a letter are no decimal numbers
     if numbers >= max(stamps, texts):
-        said = frozenset(cell.lower() for cell in cells if kinds[cell] == "text")
-        return ColumnType(
-            "number", numbers, measured, said if len(said) == 1 and texts >= _MIN_TEXTS else frozenset()
-        )
+        said = frozenset(cell.lower() for cell in cells if kinds[cell] == "text" and texts >= _MIN_TEXTS)
+        return ColumnType("number", numbers, measured, said if len(said) == 1 else frozenset())
     return ColumnType("stamp" if stamps >= texts else "text", numbers)
 
 
-def number_form(
-    cells: Sequence[str], kinds: CellKinds, wanted: str | None = None
-) -> tuple[NumberForm, NumberForm | None]:
+def number_form(cells: Sequence[str], kinds: CellKinds, wanted: str | None) -> tuple[NumberForm, NumberForm | None]:
     """How the numbers of a column are written, and how else they could be; None where nothing else fits.
 
     The decimal mark is that of the table where that fits as many cells as any other; `wanted`, the user's choice,
@@ -382,10 +374,8 @@ def number_form(
     forms = [NumberForm(mark, thousands, plain.suffix) for mark in marks for thousands in (False, True)]
     counts = {form: sum(map(form.fits, numeric)) for form in forms}
     best = max(forms, key=lambda form: counts[form])
-    rivals = (
-        form for form in forms if counts[form] == counts[best] and any(differ(form, best, cell) for cell in numeric)
-    )
-    return best, next(rivals, None)
+    equals = (form for form in forms if counts[form] == counts[best])
+    return best, next((form for form in equals if any(differ(form, best, cell) for cell in numeric)), None)
 
 
 def differ(form: NumberForm, rival: NumberForm, cell: str) -> bool:
@@ -422,8 +412,7 @@ _KEYS = _NAMES | words(
 )
 """Names of a column that says which sensor a row is of, beside its values."""
 _MIN_ROWS, _MIN_KEYED_ROWS = 4, 12
-_MAX_KEYS = 64
-_MAX_UNEVEN = 4
+_MAX_KEYS, _MAX_UNEVEN = 64, 4
 """How much more often than another a code of a sensor may occur."""
 _MIN_CHANGES, _MIN_IN_TURN = 0.2, 0.8
 """Share of the rows that are of another sensor than the row before, and of those in a strict turn."""
@@ -453,9 +442,8 @@ def mark_series(
         roles: dict[int, Role] = {**dict.fromkeys(numbers, "text"), values[0]: "channel"}
         note = "each row holds one value, named by " + ", ".join(f'"{columns[i].name}"' for i in keys)
     else:
-        found = (
-            i for i in range(len(columns)) if i not in times and _is_key(i, columns, bases, rows, time, decimal)
-        )
+        others = (i for i in range(len(columns)) if i not in times)
+        found = (i for i in others if _is_key(i, columns, rows, time, decimal))
         tagged = [i for i, column in enumerate(columns) if column.name == SERIES_KEY]
         keys, roles = tagged or list(islice(found, 1)), {}
         is_long, name = bool(keys), "".join(columns[i].name or f"column {i + 1}" for i in keys)
@@ -467,15 +455,14 @@ def mark_series(
     return [replace(column, role=roles.get(i, column.role)) for i, column in enumerate(columns)], [note]
 
 
-def _is_key(
-    index: int, columns: list[Column], bases: list[str], rows: list[Cells], time: TimeColumn | None, decimal: str
-) -> bool:
+def _is_key(index: int, columns: list[Column], rows: list[Cells], time: TimeColumn | None, decimal: str) -> bool:
     """True for a column that says which sensor each row is of.
 
     Its texts, or small whole numbers where its name says so, come again and again, in turn or mixed. A status or a
     phase does not: it has no such name, and lasts.
     """
-    role, named, keys = columns[index].role, bases[index] in _KEYS, [row[index] for row in rows]
+    role, keys = columns[index].role, [row[index] for row in rows]
+    named = "_".join(columns[index].name.lower().split()) in _KEYS
     times = () if time is None else time.indices
     rest = any(c.role == "channel" for j, c in enumerate(columns) if j != index and j not in times)
     is_code = all(key.isdecimal() and len(key) <= 5 for key in keys)

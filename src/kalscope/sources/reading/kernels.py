@@ -20,8 +20,7 @@ _MAX_PLAIN = 1 << 53
 _MAX_DIGITS, _MAX_COUNT = 9_200_000_000_000_000_000, 19
 """Largest number, and most digits, that are read here: more may not fit an int64."""
 _SPLIT = float((1 << 27) + 1)
-_DOUBT = 2.0**-48
-MAX_SURE_STAMP = 0.99e20
+_DOUBT, MAX_SURE_STAMP = 2.0**-48, 0.99e20
 """Larger stamps may be damage, which the line reader decides by `timestamps.MAX_STAMP`."""
 
 _NEWLINE, _BLANK, _TAB, _QUOTE, _STAR, _PLUS, _COMMA, _MINUS = 10, 32, 9, 34, 42, 43, 44, 45

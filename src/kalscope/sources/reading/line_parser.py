@@ -29,21 +29,17 @@ from kalscope.sources.reading.sniffer import MAX_STREAM_COLUMNS, Layout, sniff
 # row, while a stream makes a row of each line at once, because the next one may take long.
 
 
-MAX_LINE_BYTES = 65_536
-"""Bytes of one line, ten times the widest table; a longer one is not a line of numbers and is dropped."""
-
-HEAD_BYTES = 65_536
-"""Bytes of the stream that may still change the layout, as many as are sniffed of a file."""
+MAX_LINE_BYTES, HEAD_BYTES = 65_536, 65_536
+"""Bytes of one line, ten times the widest table; a longer one is not a line of numbers and is dropped.
+Bytes of the stream that may still change the layout, as many as are sniffed of a file."""
 
 _MIN_DISTINCT_ROWS, _MIN_ROWS = 3, 8
 """How many lines with words beside numbers are enough to take them for rows: different ones, or in all."""
 
-_SHORT_HEAD = 64
+_SHORT_HEAD, _MAX_NAMES = 64, 1024
 """A head without data is sniffed at every line up to this length, then whenever it has grown by about a quarter;
-one of a known layout whenever the lines that do not fit have doubled."""
-
-_MAX_NAMES = 1024
-"""Names of Teleplot that were seen once and are remembered; damage on the wire makes a new one of each line."""
+one of a known layout whenever the lines that do not fit have doubled.
+Names of Teleplot that were seen once and are remembered; damage on the wire makes a new one of each line."""
 
 _TELEPLOT = Layout(LineFormat("teleplot"), (), None, 1, frozenset(), (), ("each line is one variable of Teleplot",))
 _NEWLINE = re.compile(rb"[\r\n]")

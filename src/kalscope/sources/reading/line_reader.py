@@ -20,7 +20,7 @@ from kalscope.sources.grammar.cells import (
     parse_number,
     split_fields,
 )
-from kalscope.sources.grammar.line_format import find_labels, split_checksum, split_stamp, split_teleplot
+from kalscope.sources.grammar.line_format import find_pairs, split_checksum, split_stamp, split_teleplot
 from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
 from kalscope.sources.grammar.timestamps import StampParser, row_stamp_parser, stamp_parser
 from kalscope.sources.reading.columns import HOST_AND_DEVICE, MAX_SERIES
@@ -29,10 +29,9 @@ from kalscope.sources.reading.sniffer import MAX_STREAM_COLUMNS, Layout
 Kind = Literal["row", "rejected", "blank", "comment", "header", "text"]
 """How a line was read; "text" is prose, not an attempt at data: boot text, a program's log."""
 
-_PROSE = 4
-"""Words of a line without a digit that is no attempt at a row of a table."""
-TAIL_LINES = 64
-"""Rows before a last line without newline by which it is judged."""
+_PROSE, TAIL_LINES = 4, 64
+"""Words of a line without a digit that is no attempt at a row of a table.
+Rows before a last line without newline by which it is judged."""
 
 
 @dataclass(frozen=True)
@@ -67,10 +66,8 @@ class LineReader:
         self._width = len(layout.columns)
         self._least = layout.least
         plain = NumberForm(layout.form.decimal)
-        self._parsers: dict[int, StampParser] = {
-            i: (layout.columns[i].form or plain).parse for i in layout.channels
-        }
-        self._channels = layout.channels
+        self._channels = channels = layout.channels
+        self._parsers: dict[int, StampParser] = {i: (layout.columns[i].form or plain).parse for i in channels}
         self._silent = options.missing_texts
         self._numbers = frozenset((*options.missing_numbers, *map(plain.parse, self._silent))) - {None, math.nan}
         self._stamp = self._time = None
@@ -102,9 +99,8 @@ class LineReader:
                     return rejected(number, text, str(fault))
                 kind = "text"
         kind = kind or ("text" if rows is None else "row")
-        return LineEvent(
-            number, kind, text[:MAX_ISSUE_LENGTH], rows or (), tuple(self._issues), tuple(self._missing)
-        )
+        issues, missing = tuple(self._issues), tuple(self._missing)
+        return LineEvent(number, kind, text[:MAX_ISSUE_LENGTH], rows or (), issues, missing)
 
     def _kind_without_data(self, text: str) -> Kind | None:
         if is_blank(text, self._form.delimiter if self._form.kind == "table" else ""):
@@ -149,13 +145,11 @@ class LineReader:
     def _labelled(self, text: str) -> list[str] | None:
         """Cells in column order; a value without a column is an issue; None for prose."""
         labels = self._form.labels
-        found = find_labels(text)
+        found = find_pairs(text)
         if found is None:
             bare = "".join(text.split())
-            known = (
-                f"{''.join(label.split())}{mark}" in bare for label in labels if label.strip() for mark in ":="
-            )
-            if any(known) or bare.startswith("{"):
+            known = ("".join(label.split()) + mark for label in labels if label.strip() for mark in ":=")
+            if any(text in bare for text in known) or bare.startswith("{"):
                 raise _Fault("must be written as the other lines are")
             return None
         values = dict(found)
@@ -185,9 +179,7 @@ class LineReader:
         if not plot.samples:
             return None
         if plot.name not in self._form.labels:
-            raise _Fault(
-                f"must be of one of the first {MAX_STREAM_COLUMNS} names, or of a name that was sent before"
-            )
+            raise _Fault(f"must be of one of the first {MAX_STREAM_COLUMNS} names, or of one that was sent before")
         timed = self.layout.time is not None or self._width > len(self._form.labels)
         at = self._form.labels.index(plot.name) + timed
         rows: list[tuple[float, ...]] = []

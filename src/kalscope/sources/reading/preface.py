@@ -8,14 +8,7 @@ from dataclasses import dataclass, replace
 from itertools import zip_longest
 
 from kalscope.common.text import duration
-from kalscope.sources.grammar.cells import (
-    NUMBER,
-    SECONDS_PER_UNIT,
-    UNIT_OF_WORD,
-    is_comment,
-    is_number,
-    split_fields,
-)
+from kalscope.sources.grammar.cells import SECONDS_PER_UNIT, UNIT_OF_WORD, is_comment, is_number, split_fields
 
 _MAX_LINES, _MAX_LENGTH = 120, 400
 """Lines, and characters of each, in which a rate is looked for."""
@@ -107,6 +100,7 @@ _STATED = re.compile(
 )
 """A key at the begin of a cell, its unit in brackets, the value, and the unit after it or in the next cell."""
 
+_NUMBER = re.compile(r"[-+]? *\.?[0-9]")
 _THOUSANDS = re.compile(r"[-+]?0*[1-9][0-9]*,[0-9]{3}(?![0-9])")
 
 
@@ -123,7 +117,7 @@ def _stated_rate(head: Sequence[str]) -> Preface | None:
         above = before[:_MAX_LENGTH].rstrip()
         start = above if above.endswith(":") else ""  # LabVIEW: `dt:` above its value
         text = f"{start} {line[:_MAX_LENGTH]}".strip(" \t\r\"',;").lower().replace("_", " ")
-        if not is_comment(line) and NUMBER["."].match(text):
+        if not is_comment(line) and _NUMBER.match(text):
             break
         if sum(map(text.count, ",;|\t")) < _MAX_PARTS:
             below = _below_names(above.lower(), line, after)

@@ -55,9 +55,8 @@ _MIN_SURE, _MIN_UNSURE = 2, 3
 """Least count of a number that is always a code, and of any other; of these, one sample in 2000 too."""
 _MAX_SHARE, _MAX_RUN = 0.3, 3
 """Largest share of the samples, and longest run in the median, of a code that may be a reading; more is a state."""
-_MIN_DISTINCT = 3
+_MIN_DISTINCT, _SAMPLE = 3, 20_000
 """Fewest values beside a code: a switch and an event marker have fewer."""
-_SAMPLE = 20_000
 
 _SURE = {
     *(32767.0, -32768.0, 65535.0, 8388607.0, -8388608.0, 2147483647.0, -2147483648.0, 4294967295.0),
@@ -92,12 +91,8 @@ def suggest_missing(values: Array, names: Sequence[str], ends: Extremes) -> list
     for value, channels in found.items():
         often = sum(int(np.count_nonzero(values[:, i] == value)) for i in channels)
         where = _listed([f'"{names[i]}"' for i in channels])
-        questions.append(
-            Assumption(
-                f"is {value:.15g} a missing value? It occurs {count(often)} times in {where},"
-                f" far from the rest; if so, read with --missing {value:.15g}"
-            )
-        )
+        said = f"is {value:.15g} a missing value? It occurs {count(often)} times in {where}, far from the rest"
+        questions.append(Assumption(f"{said}; if so, read with --missing {value:.15g}"))
     return questions
 
 
@@ -134,13 +129,10 @@ def _stands_out(samples: Array, value: float, sure: int) -> bool:
 # From the columns and counts that a reader found to the Recording, the same way for every reader.
 
 
-MAX_BAD = 0.5
-"""Largest share of cells that are not numbers in a channel."""
-_MIN_FALLING = 8
-"""Fewest steps back that show a log that begins with its newest row, where no step goes forward."""
-
-_MIN_BACK = 2
-"""Fewest steps back of rows that are out of order."""
+MAX_BAD, _MIN_FALLING, _MIN_BACK = 0.5, 8, 2
+"""Largest share of cells that are not numbers in a channel.
+Fewest steps back that show a log that begins with its newest row, where no step goes forward.
+Fewest steps back of rows that are out of order."""
 _FEW_ROWS = 1000
 """Rows of a container by which its time is found."""
 
@@ -167,10 +159,8 @@ def check_chosen_period(options: ReadOptions, sample_period: float | None) -> No
     for period in periods:
         check_sample_period(period)
     if len(periods) == 2 and abs(periods[0] - periods[1]) > 1e-6 * periods[1]:
-        raise BadSetting(
-            f"rate and sample period must agree, or one be left out (got {options.rate:.9g} Hz and"
-            f" {sample_period:.9g} s)"
-        )
+        got = f"{options.rate:.9g} Hz and {sample_period:.9g} s"
+        raise BadSetting(f"rate and sample period must agree, or one be left out (got {got})")
 
 
 def assemble(reading: Reading, options: ReadOptions, sample_period: float | None, name: str) -> Recording:
@@ -345,11 +335,10 @@ def reading_of(table: Table, options: ReadOptions) -> Reading:
     columns = [replace(column, role="text") if i in table.dates else column for i, column in enumerate(columns)]
     columns, time, notes = settle_roles(columns, time)
     if time is None and table.period is not None:
-        notes = (f"the file gives one sample every {table.period:.9g} s", *notes[1:])
+        notes[0] = f"the file gives one sample every {table.period:.9g} s"
     notes = (*table.notes, *notes)
-    layout = Layout(
-        LineFormat(), tuple(columns), time, 1, frozenset(), (), notes, start=table.start, period=table.period
-    )
+    layout = Layout(LineFormat(), tuple(columns), time, 1, frozenset(), (), notes, start=table.start)
+    layout = replace(layout, period=table.period)
     wanted = {*layout.channels, *(time.indices if time else ())}
     return _of_table({i: column for i, column in data.items() if i in wanted}, layout, table)
 
@@ -405,11 +394,9 @@ def _of_table(columns: dict[int, Array], layout: Layout, table: Table) -> Readin
 # Turn a long table, one named value per row, into channels: those that share their stamps are one part.
 
 
-_MAX_LISTED = 4
-_MIN_WHOLE_TURNS = 0.9
-"""Share of the turns in which each name comes once."""
-_MIN_SHARED = 0.5
-"""Share of the stamps of the shorter of two series that the other has as well, where both belong to one part."""
+_MAX_LISTED, _MIN_WHOLE_TURNS, _MIN_SHARED = 4, 0.9, 0.5
+"""Share of the turns in which each name comes once.
+Share of the stamps of the shorter of two series that the other has as well, where both belong to one part."""
 
 
 def widened(table: list[Array], tally: Tally, layout: Layout, part: str | None, name: str) -> Reading:
@@ -539,11 +526,9 @@ def _described(series: tuple[tuple[str, ...], ...], layout: Layout) -> list[Colu
 # Plain rows are read by compiled loops, all other lines by the line reader, with the same values and account.
 
 
-HEAD_BYTES = (65536, 1 << 20)
-"""How much is sniffed: 64 KiB, and where that shows no data (a long preamble) 1 MiB."""
-
-HEAD_LINES = 1 << 15
-"""Lines of them at most: a head of short lines would take seconds to be judged."""
+HEAD_BYTES, HEAD_LINES = (65536, 1 << 20), 1 << 15
+"""How much is sniffed: 64 KiB, and where that shows no data (a long preamble) 1 MiB.
+Lines of them at most: a head of short lines would take seconds to be judged."""
 
 
 def read_recording(

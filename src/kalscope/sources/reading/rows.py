@@ -25,23 +25,15 @@ from kalscope.sources.reading.line_reader import TAIL_LINES, Kind, LineEvent, Li
 from kalscope.sources.reading.sniffer import Layout
 from kalscope.sources.reading.text_file import open_text, read_line
 
-_MAX_NUMBERS = 1 << 18
-"""Numbers that are read at once: 2 MiB, which fits a processor's cache."""
+_MAX_NUMBERS, _MAX_ODD, MAX_WORDS = 1 << 18, 1 << 14, 8
+"""Numbers that are read at once: 2 MiB, which fits a processor's cache.
+Cells and lines of them that the compiled loops leave to the line reader.
+Words that say "no sample" of which the report gives the count."""
 
-_MAX_ODD = 1 << 14
-"""Cells and lines of them that the compiled loops leave to the line reader."""
-
-MAX_WORDS = 8
-"""Words that say "no sample" of which the report gives the count."""
-
-BLOCK_SIZE = 1 << 19
-"""Characters read at once, between two progress reports."""
-
-BLOCK_NUMBERS = 1 << 16
-"""Numbers that are gathered row by row before they are put into their columns."""
-
-MAX_BYTES_BY_LINE = 1 << 15
-"""A file up to this size is read line by line, in less time than the compiled loops take to load."""
+BLOCK_SIZE, BLOCK_NUMBERS, MAX_BYTES_BY_LINE = 1 << 19, 1 << 16, 1 << 15
+"""Characters read at once, between two progress reports.
+Numbers that are gathered row by row before they are put into their columns.
+A file up to this size is read line by line, in less time than the compiled loops take to load."""
 
 
 @dataclass
@@ -80,10 +72,8 @@ class Tally:
     @property
     def notes(self) -> list[str]:
         """Sentences about words that say "no sample" and about a last line without newline."""
-        said = [
-            f'"{word}" is a missing sample: {count} {"cell" if count == 1 else "cells"}'
-            for word, count in self.missing.most_common(MAX_WORDS)
-        ]
+        often = self.missing.most_common(MAX_WORDS)
+        said = [f'"{word}" is a missing sample: {n} {"cell" if n == 1 else "cells"}' for word, n in often]
         return [*said, *([self.ending] if self.ending else [])]
 
 
@@ -153,9 +143,8 @@ class _TableReader:
         if at < len(data):
             above = (self._above + data[:whole]).decode().split("\n")[-1 - TAIL_LINES : -1]
             event = self.reader.read_last(self._number, data[whole:].decode(), [] if growing else above)
-            self.rows.add(
-                self.tally.take(event, last=True).rows
-            )  # a rejected last line has no neighbours whose places it could keep
+            # A rejected last line has no neighbours whose places it could keep.
+            self.rows.add(self.tally.take(event, last=True).rows)
         self._above = data
 
     def _take_block(self, data: bytes, lines: NDArray[np.uint8], at: int, form: RowForm) -> int:
@@ -252,10 +241,8 @@ class Rows:
         """Whether the samples of a line are of the row that is gathered."""
         begins = self._lead is not None and not math.isnan(row[self._lead])
         later = self._lead is None and self._time is not None and row[self._time] != self._row[self._time]
-        pairs = enumerate(zip(self._row, row, strict=True))
-        return not (begins or later) and all(
-            math.isnan(a) or math.isnan(b) or i == self._time for i, (a, b) in pairs
-        )
+        pairs = (pair for i, pair in enumerate(zip(self._row, row, strict=True)) if i != self._time)
+        return not (begins or later) and all(math.isnan(a) or math.isnan(b) for a, b in pairs)
 
     def extend(self, rows: Array) -> None:
         """Take rows, shape (n, width)."""

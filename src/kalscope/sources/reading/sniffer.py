@@ -22,13 +22,7 @@ from kalscope.sources.grammar.cells import (
     words,
 )
 from kalscope.sources.grammar.line_format import LineFormat, split_teleplot
-from kalscope.sources.grammar.read_options import (
-    DEFAULTS,
-    DELIMITERS,
-    WORD_OF_DECIMAL,
-    WORD_OF_DELIMITER,
-    ReadOptions,
-)
+from kalscope.sources.grammar.read_options import DEFAULTS, DELIMITERS, ReadOptions, word_of_mark
 from kalscope.sources.grammar.timestamps import TimeColumn, find_epoch
 from kalscope.sources.reading.columns import (
     COUNTING_NAMES,
@@ -62,12 +56,10 @@ from kalscope.sources.reading.time_columns import find_time, time_name
 # Labels that come in turn, one or a few per line: `Temp: 21.5`, then `Hum: 40`, then the next `Temp`.
 
 
-MIN_CYCLES = 4
-"""How often all labels must come in turn."""
-_MIN_COMPLETE = 0.9
-"""Share of the turns that must hold every label."""
-MAX_INSIDE = 0.25
-"""Largest share of the time between two turns that may pass between the first and the last line of one."""
+MIN_CYCLES, _MIN_COMPLETE, MAX_INSIDE = 4, 0.9, 0.25
+"""How often all labels must come in turn.
+Share of the turns that must hold every label.
+Largest share of the time between two turns that may pass between the first and the last line of one."""
 
 
 def leading_label(rows: Sequence[Cells], labels: Sequence[int]) -> int | None:
@@ -105,8 +97,8 @@ def explain(head: Sequence[str], table: HeadTable, body: Body, second: HeadTable
     if second is not None:
         other = second.form
         count = "1 column" if second.width == 1 else f"{second.width} columns"
-        chosen = [f"--delimiter {WORD_OF_DELIMITER[other.delimiter]}"] if other.delimiter != form.delimiter else []
-        chosen += [f"--decimal {WORD_OF_DECIMAL[other.decimal]}"] if other.decimal != form.decimal else []
+        marks = (("delimiter", other.delimiter, form.delimiter), ("decimal", other.decimal, form.decimal))
+        chosen = [f"--{what} {word_of_mark(mark, what)}" for what, mark, known in marks if mark != known]
         notes.append(Assumption(f"it could also be {count}: {' '.join(chosen)}"))
     if (factor := next(filter(None, map(SCALE.fullmatch, head[: body.first])), None)) is not None:
         notes.append(Assumption(f"the numbers are not multiplied by the {factor[1]} above them"))
@@ -130,7 +122,7 @@ def explain_doubt(name: str, form: NumberForm, rival: NumberForm, cells: Sequenc
     example = next(cell for cell in cells if differ(form, rival, cell))
     return Assumption(
         f'is "{example}" in "{name}" {form.parse(example):.15g} or {rival.parse(example):.15g}?'
-        f" The first was used; --decimal {WORD_OF_DECIMAL[rival.decimal]} selects the second"
+        f" The first was used; --decimal {word_of_mark(rival.decimal, 'decimal')} selects the second"
     )
 
 
@@ -225,9 +217,8 @@ def read_header(head: Sequence[str], settings: dict[str, str], table: HeadTable,
     # `,,Min,Avg` of Campbell below the units: minima, not minutes.
     place = next((i for i in places if not said[i] - {""} <= _PROCESSING), min(places, default=-1))
     # `Unix,CAL,CAL` above the units only says what was done to each column; `5s 15s 20d` of the USGS are widths.
-    idle = [
-        2 * len(found & _PROCESSING) >= len(found) or all(cell[:1].isdecimal() for cell in found) for found in said
-    ]
+    codes = [all(cell[:1].isdecimal() for cell in found) for found in said]
+    idle = [code or 2 * len(found & _PROCESSING) >= len(found) for code, found in zip(codes, said, strict=True)]
     told = (i for i in range(place + 1, len(above)) if not idle[i])
     rows = above[: next(told, place + 1) + 1]
     unit_row = above[place] if place >= 0 else None
@@ -434,9 +425,8 @@ def _layout(
         stamps = {line.number: line.stamp for line in lines}
         cells = [(stamps[number], *row) for number, row in body.rows]
         columns.insert(0, Column("time", (split_measure(cells[0][0]) or ("", ""))[1]))
-    time = _find_time(
-        columns, cells, table, header, plan, spectrum=any(map(_SPECTRUM.search, head[: body.first - 1]))
-    )
+    spectrum = any(map(_SPECTRUM.search, head[: body.first - 1]))
+    time = _find_time(columns, cells, table, header, plan, spectrum=spectrum)
     is_json = head[body.first - 1].lstrip(" [").startswith('{"')
     if time is not None and not is_json and (table.form.stamped or not is_table):
         time = replace(time, printed=True)
@@ -458,19 +448,9 @@ def _layout(
         *(_about_rows(cells, channels, table.form.decimal) if time is None and not any(named) else ()),
         *plan.preface.notes,
     )
-    return Layout(
-        form=table.form,
-        columns=tuple(columns),
-        time=time,
-        first_data=header.first,
-        headers=frozenset(number for number, _ in header.rows),
-        header_rows=tuple(cells for _, cells in header.rows),
-        notes=notes,
-        narrow=table.narrow,
-        period=plan.preface.period,
-        start=plan.preface.start,
-        lead=lead,
-    )
+    headers, said, stated = frozenset(dict(header.rows)), tuple(cells for _, cells in header.rows), plan.preface
+    layout = Layout(table.form, tuple(columns), time, header.first, headers, said, notes, table.narrow)
+    return replace(layout, period=stated.period, start=stated.start, lead=lead)
 
 
 def _described(
@@ -490,9 +470,8 @@ def _described(
                 form, unit = best, unit or best.suffix
                 notes.append(f'the numbers of "{name}" are written like {next(filter(best.fits, cells), "")!r}')
                 bare = (cell for cell in cells if best.suffix and cell[-1:].isdecimal() and best.fits(cell))
-                notes += [
-                    Assumption(f'"{cell}" in "{name}" is in {best.suffix} as well') for cell in islice(bare, 1)
-                ]
+                said = (f'"{cell}" in "{name}" is in {best.suffix} as well' for cell in bare)
+                notes += map(Assumption, islice(said, 1))
             if rival is not None:
                 notes.append(explain_doubt(name, best, rival, cells))
         columns.append(replace(column, role=role, unit=unit, form=form))

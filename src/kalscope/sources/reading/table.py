@@ -11,22 +11,8 @@ from functools import cache
 from itertools import groupby
 from typing import Literal, NamedTuple
 
-from kalscope.sources.grammar.cells import (
-    COMMENT_MARKS,
-    are_units,
-    is_blank,
-    is_comment,
-    is_number,
-    parse_number,
-    split_fields,
-)
-from kalscope.sources.grammar.line_format import (
-    LineFormat,
-    find_labels,
-    split_checksum,
-    split_stamp,
-    split_teleplot,
-)
+from kalscope.sources.grammar.cells import are_units, is_blank, is_comment, is_number, parse_number, split_fields
+from kalscope.sources.grammar.line_format import LineFormat, find_pairs, split_checksum, split_stamp, split_teleplot
 from kalscope.sources.grammar.read_options import DELIMITERS
 from kalscope.sources.reading.columns import (
     NUMERIC,
@@ -47,10 +33,9 @@ from kalscope.sources.reading.columns import (
 
 MIN_BESIDE_ROWS, MAX_BESIDE = 16, 64
 """Fewest rows to judge metadata beside the data, and most rows that have it."""
-MAX_HEADER_LINES = 5
-"""Lines of names, units and what was done to each column that may be above a table."""
-MAX_ABOVE = 0.2
-"""Largest share of the rows that may be another table above the names, of calibration for instance."""
+MAX_HEADER_LINES, MAX_ABOVE = 5, 0.2
+"""Lines of names, units and what was done to each column that may be above a table.
+Largest share of the rows that may be another table above the names, of calibration for instance."""
 _WAYS = [re.compile(pattern) for pattern in (",", r"[ \t]+(?![\[(])", r"[ \t]{2,}|\t")]
 """How names above columns that blanks separate may be: at commas, with units in brackets, at wide gaps."""
 _RULED = frozenset("-=_+|:;,#%/ \t")
@@ -172,9 +157,8 @@ class _Grid:
         width = len(cells)
         if not (self._least <= width <= self._table.width or width in self._table.narrow):
             return None
-        judged = [
-            (self._types[i].judge(cell, self._kinds), cell) for i, cell in enumerate(cells) if i not in self._beside
-        ]
+        inside = [(self._types[i], cell) for i, cell in enumerate(cells) if i not in self._beside]
+        judged = [(kind.judge(cell, self._kinds), cell) for kind, cell in inside]
         strange = sum(how == "strange" for how, _ in judged)
         if any(how == "fits" for how, _ in judged):
             return "partial" if strange else "row"
@@ -191,11 +175,8 @@ class _Grid:
         best, gained, whole, other = 0, 0, 0, 0
         few = MAX_ABOVE * sum(line.fit == "row" for line in lines)
         for i, line in enumerate(lines):
-            if (
-                line.fit == "text"
-                and len(line.cells) >= self._least
-                and any(row.fit == "row" for row in lines[i + 1 : i + 1 + MAX_HEADER_LINES])
-            ):
+            heads = any(row.fit == "row" for row in lines[i + 1 : i + 1 + MAX_HEADER_LINES])
+            if heads and line.fit == "text" and len(line.cells) >= self._least:
                 if other - 2 * whole > gained:
                     best, gained = i + 1, other - 2 * whole
                 elif 0 < whole <= few and self._begins_anew(line, lines[:i], lines[i:]):
@@ -237,11 +218,8 @@ class _Grid:
 
     def rows_from(self, first: int) -> list[Row]:
         """(line number, cells) of the rows from line `first` on, each padded to the width of the table."""
-        return [
-            (line.number, line.cells + ("",) * (self._table.width - len(line.cells)))
-            for line in self._lines
-            if line.number >= first and line.fit in ("row", "partial", "void")
-        ]
+        lines = [line for line in self._lines if line.number >= first and line.fit in ("row", "partial", "void")]
+        return [(line.number, line.cells + ("",) * (self._table.width - len(line.cells))) for line in lines]
 
     def above(self, first: int, head: Sequence[str]) -> tuple[Row, ...]:
         """(line number, cells) of the lines above the first row that may name its columns, nearest first.
@@ -322,7 +300,7 @@ def header_cells(text: str, delimiter: str, width: int) -> Cells:
     above tabs may be as well.
     """
     cells = tuple(split_fields(text, delimiter))
-    if is_comment(text) and (delimiter == " " or next(filter(None, cells)) not in COMMENT_MARKS):
+    if is_comment(text) and (delimiter == " " or next(filter(None, cells)).strip("#%/")):
         text = text.strip().lstrip("#%/").strip()
         cells = tuple(split_fields(text, delimiter))
     if len(cells) in (width, 0) or (delimiter != " " and (delimiter != "\t" or len(cells) > 1)):
@@ -336,12 +314,10 @@ def header_cells(text: str, delimiter: str, width: int) -> Cells:
 # Pure functions on text.
 
 
-_MAX_CELLS = 4096
-"""A line of more cells is not a row of any table."""
-MIN_RUN = 3
-"""Successive lines of another width that mean a new field, not damage."""
-MAX_JUDGED = 500
-"""Rows of a run by which two widths are compared."""
+_MAX_CELLS, MIN_RUN, MAX_JUDGED = 4096, 3, 500
+"""A line of more cells is not a row of any table.
+Successive lines of another width that mean a new field, not damage.
+Rows of a run by which two widths are compared."""
 _BEGIN = re.compile(
     r"[\W_]*(?:(?:begin|start)(?: of)?[ _]?)?"
     r"(?:data|end[ _]?of[ _]?header|end[ _]header|(?<=\*)end|(?<=# )columns: [0-9]+)[\W_]*",
@@ -349,10 +325,9 @@ _BEGIN = re.compile(
 )
 SCALE = re.compile(r"[ \t]{0,8}(1\.0e[+-][0-9]{2}) \*[ \t]{0,8}")
 """The common factor that MATLAB prints above a matrix."""
-_MAX_PREFACE = 2000
-"""Lines above which a table begins."""
-MIN_TEXT_SHARE = 0.04
-"""Of the lines, the share that must look like data in a table of mostly text, whose rows all look alike."""
+_MAX_PREFACE, MIN_TEXT_SHARE = 2000, 0.04
+"""Lines above which a table begins.
+Of the lines, the share that must look like data in a table of mostly text, whose rows all look alike."""
 MIN_UNIFORM, MIN_UNIFORM_LINES = 0.6, 20
 """Of the lines with numbers, the share that must have one width, where there are so many: records of several lines
 are not a table."""
@@ -379,11 +354,8 @@ def candidate_lines(head: Sequence[str], after: int = 0) -> tuple[list[HeadLine]
         head: The first lines, and those from further down.
         after: Line number above the first that may hold data.
     """
-    lines = [
-        head_line(i, text)
-        for i, text in enumerate(head[after:], after + 1)
-        if not (is_blank(text) or is_comment(text) or SCALE.fullmatch(text))
-    ]
+    texts = enumerate(head[after:], after + 1)
+    lines = [head_line(i, s) for i, s in texts if not (is_blank(s) or is_comment(s) or SCALE.fullmatch(s))]
     some = first_of_each_shape(lines)
     stamped = {shape for shape, texts in some.items() if split_stamp(texts[0])}
     is_stamped = sum(line.shape in stamped for line in lines) > len(lines) / 2
@@ -496,8 +468,8 @@ def _grown_width(rows: list[Row], above: Iterable[Row], width: int, kinds: CellK
 
 def _labelled(lines: list[HeadLine], some: Mapping[str, Sequence[str]], plan: Plan) -> HeadTable | None:
     """The lines of `name:value` pairs whose names come often and with numbers."""
-    shapes = {shape for shape, texts in some.items() if any(map(find_labels, texts))}
-    labelled = ((line.number, find_labels(line.text)) for line in lines if line.shape in shapes)
+    shapes = {shape for shape, texts in some.items() if any(map(find_pairs, texts))}
+    labelled = ((line.number, find_pairs(line.text)) for line in lines if line.shape in shapes)
     pairs = [(number, dict(found)) for number, found in labelled if found]
     kinds = CellKinds(".", plan.options.missing_texts)
     values = Counter(label for _, found in pairs for label in found if kinds[found[label]] in (*NUMERIC, "stamp"))
@@ -505,12 +477,9 @@ def _labelled(lines: list[HeadLine], some: Mapping[str, Sequence[str]], plan: Pl
     # A text beside numbers, "status", is a column; lines of texts alone are the program's log.
     beside = Counter(label for _, found in pairs if found.keys() & numeric for label in found)
     labels = tuple(label for label, n in beside.items() if n >= 0.1 * len(pairs))
-    rows = tuple(
-        (number, tuple(found.get(label, "") for label in labels))
-        for number, found in pairs
-        if found.keys() & numeric and found.keys() <= set(labels)
-    )
-    rows = tuple(row for row in rows if likeness(row[1], kinds))
+    kept = ((n, found) for n, found in pairs if found.keys() & numeric and found.keys() <= set(labels))
+    cells = ((n, tuple(found.get(label, "") for label in labels)) for n, found in kept)
+    rows = tuple(row for row in cells if likeness(row[1], kinds))
     if not rows:
         return None
     whole = sum(found.keys() >= set(labels) for _, found in pairs)
@@ -528,11 +497,9 @@ def _teleplot(lines: list[HeadLine]) -> HeadTable | None:
         return None
     labels = tuple(dict.fromkeys(plot.name for _, plot in found))
     timed = any(stamp for _, plot in found for stamp, _ in plot.samples)
-    rows = tuple(
-        (number, (*((stamp,) if timed else ()), *(value if name == plot.name else "" for name in labels)))
-        for number, plot in found
-        for stamp, value in plot.samples
-    )
+    held = ((n, plot.name, *sample) for n, plot in found for sample in plot.samples)
+    named = ((n, stamp, tuple(value if one == name else "" for one in labels)) for n, name, stamp, value in held)
+    rows = tuple((n, (stamp, *cells) if timed else cells) for n, stamp, cells in named)
     form = LineFormat("teleplot", ",", ".", labels)
     return HeadTable(len(found) / len(marked), form, len(labels) + timed, rows)
 
@@ -540,10 +507,9 @@ def _teleplot(lines: list[HeadLine]) -> HeadTable | None:
 # Which of the ways to split a log is the best, and which other one comes close. Pure functions.
 
 
-MIN_SHARE = 0.15
-"""Of the lines of the head, the share that must look like data: boot text may outweigh a short log."""
-CLOSE = 0.9
-"""A second way with at least this share of the best score could be meant as well."""
+MIN_SHARE, CLOSE = 0.15, 0.9
+"""Of the lines of the head, the share that must look like data: boot text may outweigh a short log.
+A second way with at least this share of the best score could be meant as well."""
 BLANKS, BARE_COMMA, LISTED = 0.76, 0.5, 1.01
 """What the score is multiplied with: of rows split at blanks, which may be inside the cells of a stamp or a text;
 of a single column with decimal commas and no name, which any two numbers are; of `21,5, 40,2`, where the comma

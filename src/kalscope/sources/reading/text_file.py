@@ -25,8 +25,7 @@ from kalscope.sources.grammar.line_format import ESCAPE, split_checksum, without
 # What a packed file holds: gzip and Zstandard, bounded, with progress, and refused when cut short.
 
 
-GZIP = b"\x1f\x8b"
-ZSTANDARD = b"\x28\xb5\x2f\xfd"
+GZIP, ZSTANDARD = b"\x1f\x8b", b"\x28\xb5\x2f\xfd"
 
 
 def unpacked(path: Path, name: str, progress: Progress) -> Iterator[bytes]:
@@ -82,8 +81,7 @@ _FOREIGN = {
     b"ARROW1": "an Arrow file, which can be written as Parquet",
     b"version https://git-lfs": "a Git LFS pointer, which `git lfs pull` replaces with the file itself",
 }
-_CHUNK = 1 << 20
-_HEAD = 1 << 16
+_CHUNK, _HEAD = 1 << 20, 1 << 16
 """Bytes that are looked at to find out whether a file is text or binary."""
 _NUL_RUN = re.compile(rb"\0{16,}")
 """So many NULs in a row are a part of the file that was never written, as on a card that lost power."""

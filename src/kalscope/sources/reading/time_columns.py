@@ -59,8 +59,7 @@ _FILLERS = words(
 # Other words for a unit are also quantities or counts: h, d, min, hour.
 _LONE_UNITS = {word for word, unit in UNIT_OF_WORD.items() if unit in ("s", "ms", "us", "ns")}
 _RISING_UNITS = words("day days year years yr hours minutes mins")
-_WORD = re.compile(r"[^\W_]+")
-_CAMEL = re.compile(r"(?<=[a-z0-9])(?=[A-Z])")
+_WORD, _CAMEL = re.compile(r"[^\W_]+"), re.compile(r"(?<=[a-z0-9])(?=[A-Z])")
 
 
 def time_name(column: Column) -> TimeName:
@@ -127,9 +126,7 @@ def named_parts(columns: list[Column], rows: list[Cells]) -> TimeColumn | None:
         clock = clock_form([row[places["clock"]] for row in rows])
     if clock is None:
         places.pop("clock", None)
-    kept: tuple[tuple[PartRole, int], ...] = tuple(
-        (role, i) for role, i in places.items() if _PART_ABOVE.get(role, "year") in places
-    )
+    kept = tuple(part for part in places.items() if _PART_ABOVE.get(part[0], "year") in places)
     return TimeColumn(places["year"], "calendar", clock=clock or "h:m:s", parts=kept)
 
 
@@ -149,10 +146,8 @@ def unnamed_parts(rows: list[Cells]) -> TimeColumn | None:
         if step == 1:
             return time
         number: tuple[PartRole, int] = "day of year", first + 1
-        by_month, by_number = (
-            stamps_of(replace(time, parts=each), rows, ".") for each in (parts[:3], (parts[0], number))
-        )
-        if np.array_equal(by_month, by_number):
+        by_month, by_number = (replace(time, parts=each) for each in (parts[:3], (parts[0], number)))
+        if np.array_equal(stamps_of(by_month, rows, "."), stamps_of(by_number, rows, ".")):
             return replace(time, parts=(*parts, number))
     return None
 
@@ -182,11 +177,9 @@ def _role(name: str, places: Iterable[PartRole] = ()) -> PartRole | None:
 # All columns, alone or together, that may be the time, and the points of each.
 
 
-_MAX_BACK_WEAK = 0.02
-"""Share of steps back with which numbers may be a time where there is a mere hint."""
-_MIN_ROWS = 8
-"""Rows from which a clear name can be wrong, and fewest by which numbers without a name are recognised."""
-_MIN_FILL = 0.5
+_MAX_BACK_WEAK, _MIN_ROWS, _MIN_FILL = 0.02, 8, 0.5
+"""Share of steps back with which numbers may be a time where there is a mere hint.
+Rows from which a clear name can be wrong, and fewest by which numbers without a name are recognised."""
 _NEVER = ("row name", "row number", "metadata", "empty")
 
 Weighed = tuple[float, TimeColumn]
@@ -312,11 +305,8 @@ def unnamed_time(columns: list[Column], rows: list[Cells], decimal: str, *, name
             form = replace(form, index=i, unit=next(iter(units), ""))
             stamps = stamps_of(form, rows, decimal)
             read[i] = form, stamps[np.isfinite(stamps)]
-    may_lead = (
-        not named
-        or (0 in read and read[0][0].unit)
-        or any(column.unit or column.name.lower().startswith("ch") for column in others)
-    )
+    may_lead = not named or (0 in read and read[0][0].unit)
+    may_lead = may_lead or any(column.unit or column.name.lower().startswith("ch") for column in others)
     all_rise = all(i in read and bool(np.all(np.diff(read[i][1]) > 0)) for i in channels)
     found: list[Weighed] = []
     for i, (form, stamps) in read.items():
@@ -329,10 +319,8 @@ def unnamed_time(columns: list[Column], rows: list[Cells], decimal: str, *, name
             (4, is_channel and form.kind == "calendar" and rises),
             (3, i == 0 and may_lead and is_ramp),
             (2, is_channel and not (named or all_rise) and is_ramp and judge(stamps).even >= MIN_EVEN),
-            (
-                1,
-                is_channel and stamps.size == len(rows) and in_order and find_epoch(stamps),
-            ),  # a burst may share one
+            # A burst may share one stamp.
+            (1, is_channel and stamps.size == len(rows) and in_order and find_epoch(stamps)),
         )
         found += [(points, form) for points, holds in rules if holds]
     points, best = max(found, key=lambda one: one[0], default=(0, None))
@@ -356,10 +344,9 @@ def _is_ramp(stamps: Array) -> bool:
 # A name is a hint. How many rows have a stamp, whether the stamps rise, and how fine they are decide.
 
 
-_MAX_ROWS = 600
-"""Rows that are weighed: the first, and some of the middle and the end."""
-_CLOSE = 1.0
-"""A candidate at most this many points below the best is named."""
+_MAX_ROWS, _CLOSE = 600, 1.0
+"""Rows that are weighed: the first, and some of the middle and the end.
+A candidate at most this many points below the best is named."""
 
 
 def find_time(
