@@ -393,9 +393,8 @@ def unit_by_magnitude(stamps: Array, *, printed: bool = False) -> str:  # noqa: 
         return "s"
     if step % 60 == 0 and (3600 % step == 0 or step % 3600 == 0) and not in_minutes:
         return "s"
-    is_exact = float(np.count_nonzero(np.diff(stamps[:100_000]) == step)) >= _EXACT * (
-        min(len(stamps), 100_000) - 1
-    )
+    few = np.diff(stamps[:100_000]) == step
+    is_exact = np.count_nonzero(few) >= _EXACT * len(few)
     if step in _STEPS_S and not printed and low in (0, step) and is_exact:
         return "s"
     if high < _WEEK_MS and (step < _LONG_STEP_MS or in_minutes):

@@ -100,7 +100,7 @@ _STATED = re.compile(
 )
 """A key at the begin of a cell, its unit in brackets, the value, and the unit after it or in the next cell."""
 
-_NUMBER = re.compile(r"[-+]? *\.?[0-9]")
+_NUMBER = re.compile(r"[-+]? {0,3}\.?[0-9]")
 _THOUSANDS = re.compile(r"[-+]?0*[1-9][0-9]*,[0-9]{3}(?![0-9])")
 
 

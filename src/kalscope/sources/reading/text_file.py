@@ -222,8 +222,13 @@ def _is_utf8(path: Path, progress: Progress) -> bool:
 def unusual_marks(raw: RawFile) -> tuple[str, ...]:
     """Sentences about what `plain_lines` has to repair, judged by the head; usually none."""
     escapes = "control sequences of a terminal were left out"
-    said = [what for what, (begin, _) in _REWRITTEN.items() if begin.search(raw.head)]
-    return (*(escapes,) * (ESCAPE.encode() in raw.head), *said[:1])
+    return (*(escapes,) * (ESCAPE.encode() in raw.head), *filter(None, [_rewritten(raw.head[:_HEAD])]))
+
+
+def _rewritten(head: bytes) -> str | None:
+    """The key of `_REWRITTEN` that a file with this head has; None for most."""
+    ways = ((what, mark in head and begin.search(head)) for what, (mark, begin, _) in _REWRITTEN.items())
+    return next((what for what, found in ways if found), None)
 
 
 def _positions(lines: Iterator[str]) -> Iterator[str]:
@@ -265,7 +270,7 @@ def _tuples(lines: Iterator[str]) -> Iterator[str]:
     for line in lines:
         head, statement, held = line.partition("VALUES")
         held = held if statement else line
-        names = names or (head.partition("(")[2].partition(")")[0].translate(_BARE_NAMES) if statement else "")
+        names = names or (head.partition("(")[2].partition(")")[0].replace("`", "") if statement else "")
         rows = [row.replace("'", '"') for row in _TUPLE.findall(held)]
         yield names + "\n" if names and not above else ""
         above = names
@@ -273,25 +278,25 @@ def _tuples(lines: Iterator[str]) -> Iterator[str]:
 
 
 _KEY = re.compile(r"( {0,40})(?:- )?([A-Za-z_][\w/-]{0,60}):(?: {1,20}(\S.*))?")
-_BARE_NAMES = str.maketrans("", "", "`[]")
 _TUPLE = re.compile(r"\(((?:[^()']|'[^']*'){1,4000})\)[,;\s]")
-_REWRITTEN: dict[str, tuple[re.Pattern[bytes], Callable[[Iterator[str]], Iterator[str]]]] = {
+_REWRITTEN: dict[str, tuple[bytes, re.Pattern[bytes], Callable[[Iterator[str]], Iterator[str]]]] = {
     "of NMEA, GGA gives the altitude and RMC the speed, both the clock; other sentences are comments": (
-        re.compile(rb"^\$[A-Z]{2}(?:GGA|RMC),[0-9]{6}", re.MULTILINE),
-        _positions,
+        *(b"*", re.compile(rb"^\$[A-Z]{2}(?:GGA|RMC),[0-9]{6}", re.MULTILINE), _positions),
     ),
     "each document of YAML is a row": (
-        re.compile(rb"^[a-z_]+:.*\n(?:[ a-z_]+:.*\n){1,400}---\n", re.M),
-        _documents,
+        *(b"\n---", re.compile(rb"^[a-z_]+:.*\n(?:[ a-z_]+:.*\n){1,400}---\n", re.MULTILINE), _documents),
     ),
-    "the rows that INSERT statements of SQL hold": (re.compile(rb"^INSERT INTO .* VALUES", re.MULTILINE), _tuples),
+    "the rows that INSERT statements of SQL hold": (
+        *(b"INSERT", re.compile(rb"^INSERT INTO .* VALUES", re.MULTILINE), _tuples),
+    ),
 }
-"""What is written as labels, objects or rows before it is read: a sentence, how it is known, what rewrites it."""
+"""What is written as labels, objects or rows before it is read: a sentence, two marks of it, what rewrites it."""
 
 
 def plain_lines(raw: RawFile, encoding: str) -> Iterator[str]:
     """The lines without control sequences of a terminal, NMEA, documents and statements as rows."""
-    rewritten = next((way for begin, way in _REWRITTEN.values() if begin.search(raw.head)), iter)
+    what = _rewritten(raw.head[:_HEAD])
+    rewritten = _REWRITTEN[what][2] if what else iter
     with raw.path.open("rb") as file, open_text(file, encoding) as lines:
         yield from rewritten(without_escapes(line) for line in iter(lambda: read_line(lines), ""))
 
