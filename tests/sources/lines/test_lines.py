@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kalscope.sources.grammar.line_format import MAX_VALUES, find_labels
+from kalscope.sources.grammar.line_format import MAX_VALUES, find_pairs
 from kalscope.sources.grammar.read_options import DEFAULTS, ReadOptions
 from kalscope.sources.reading import line_parser
 from kalscope.sources.reading.line_parser import MAX_LINE_BYTES, LineParser
@@ -77,7 +77,7 @@ def test_prose_is_text_and_a_damaged_line_is_rejected():
     for (before, kind), lines in OTHERS.items():
         assert [line for line in lines if only(line, before)[0] != kind] == []
     for line in ("ets Jun  8 2016 00:22:57", f'{{"a": {[1] * (MAX_VALUES + 1)}}}'):
-        assert find_labels(line) is None
+        assert find_pairs(line) is None
 
 
 def test_once_the_shape_is_known_a_cell_that_is_no_number_is_a_reported_missing_sample():
