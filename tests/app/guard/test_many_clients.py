@@ -225,6 +225,9 @@ def test_ten_clients_that_drag_at_once_end_with_the_same_values(program):
     guests = [settled(program) for _ in range(10)]
     try:
         uuids = [guests[0].find(f"log₁₀ {name}") for name in ("q", "r")]
+        guests[0].set(uuids[0], 0.25)
+        guests[0].values[uuids[0]] = "moved by another"
+        guests[0].read_until(lambda: guests[0].values[uuids[0]] == 0.25)  # viser tells all but the sender
         until = time.monotonic() + DRAG_S
         hands = [threading.Thread(target=drag, args=(guest, uuids, i, until)) for i, guest in enumerate(guests)]
         for hand in hands:
