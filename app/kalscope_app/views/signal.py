@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import viser
@@ -21,7 +22,7 @@ from kalscope_app.session import changes
 from kalscope_app.session.session import Session
 from kalscope_app.session.state import Live
 from kalscope_app.views import charts
-from kalscope_app.views.charts import Chart, ChartLine, Ends, Palette, Scale, palette_of, short, time_axis
+from kalscope_app.views.charts import Chart, ChartLine, Palette, Scale, palette_of, short, time_axis
 from kalscope_app.views.widgets import bind, escape_markdown, on_user, put
 from kalscope_app.views.window import HEADING, ONE_BUTTON, ZOOM_SLIDER, height_of
 
@@ -138,42 +139,41 @@ class SignalView:
         third = frame.velocity is not None or frame.moving is not None or (state.view.gain_shown and state.has_gain)
         self._share_height(3 if third else 2, self._height_above(frame))
         scale = charts.scale_for(frame.drawn.raw, state.tuning.unit)
-        places = places_to_keep(frame, self._kept) if thinned else None
-        label = scale.label(short(state.tuning.name, 30))
-        self._draw(self.signal, frame, signal_lines(frame), label, scale, places)
+        label, axis, lines = scale.label(short(state.tuning.name, 30)), axis_of(frame, 30), signal_lines(frame)
+        if thinned and (places := places_to_keep(frame, self._kept)) is not None:
+            axis["x"], lines = axis["x"][places], [replace(one, y=one.y[places]) for one in lines]
+        self.signal.draw(**axis, lines=lines, y_label=label, factor=scale.factor)
 
     def show_below(self, frame: Frame) -> None:
         """Draw the charts below the signal, and write the line above it."""
-        state, palette = frame.state, palette_of(frame.state)
+        state, palette, axis = frame.state, palette_of(frame.state), axis_of(frame)
         put(self._heading, content=(HEADING if state.live is not None else "") + heading_of(frame))
         name, lines = innovation_lines(frame)
         scale = charts.scale_for(np.concatenate([one.y for one in lines]), state.tuning.unit)
         label = scale.label(name)
         if len(label) > MAX_LABEL_LETTERS:  # the legend has the name, too; nothing else has the power of ten
             label = name if scale.factor == 1.0 else scale.unit[:MAX_LABEL_LETTERS]
-        self._draw(self.innovation, frame, lines, label, scale)
+        self.innovation.draw(**axis, lines=lines, y_label=label, factor=scale.factor)
         if frame.velocity is not None and frame.velocity_spread is not None:
             per = " per sample" if state.recording.sample_period is None else "/s"
             scale = charts.scale_for(frame.velocity, f"{state.tuning.unit or 'unit'}{per}")
             edges = charts.band(frame.velocity, frame.velocity_spread, "2σ", palette.gain + palette.band)
             name = scale.label("velocity")  # the unit is in the legend
             middle = charts.line(frame.velocity, name, palette.gain, 2)
-            self._draw(self.velocity, frame, [*edges, middle], "velocity", scale)
+            lines = [*edges, middle]
+            self.velocity.draw(**axis, lines=lines, y_label="velocity", factor=scale.factor)
         elif frame.moving is not None:
-            strip = charts.line(frame.moving, "probability of moving", palette.gain, 2)
-            self._draw(self.velocity, frame, [strip], "moving", Scale(1.0, ""), y_range=(0.0, 1.0))
+            lines = [charts.line(frame.moving, "probability of moving", palette.gain, 2)]
+            self.velocity.draw(**axis, lines=lines, y_label="moving", y_range=(0.0, 1.0))
         else:
             self.velocity.hide()
         if frame.velocity is None and frame.moving is None and state.view.gain_shown and state.has_gain:
-            self._draw_gain(frame)
+            top = float(frame.gain.max(initial=0.0))
+            ends = 0.0, next((level for level in GAIN_LEVELS if top <= level), 1.0)
+            lines = [charts.line(frame.gain, "gain K", palette.gain, 2)]
+            self.gain.draw(frame.gain_samples, lines, "samples since start", "gain K", y_range=ends)
         else:
             self.gain.hide()
-
-    def _draw_gain(self, frame: Frame) -> None:
-        top = float(frame.gain.max(initial=0.0))
-        ends = 0.0, next((level for level in GAIN_LEVELS if top <= level), 1.0)
-        lines = [charts.line(frame.gain, "gain K", palette_of(frame.state).gain, 2)]
-        self.gain.draw(frame.gain_samples, lines, "samples since start", "gain K", y_range=ends)
 
     def _height_above(self, frame: Frame) -> int:
         if frame.state.live is not None:
@@ -187,25 +187,11 @@ class SignalView:
         for chart, share in zip((self.signal, self.innovation), SHARES[charts], strict=False):
             chart.set_height(share, height_of(share, charts) - (above if chart is self.signal else 0))
 
-    def _draw(
-        self,
-        chart: Chart,
-        frame: Frame,
-        lines: Sequence[ChartLine],
-        label: str,
-        scale: Scale,
-        places: NDArray[np.intp] | None = None,
-        y_range: Ends | None = None,
-    ) -> None:
-        """Draw over time; `places`: the only points to draw."""
-        axis = time_axis(frame.drawn.time, frame.state)
-        x = axis.x if places is None else axis.x[places]
-        lines = lines if places is None else [replace(one, y=one.y[places]) for one in lines]
-        space = 30 if chart is self.signal else 15  # with fewer ticks a low chart has a 0 and no other number
-        view, reach = frame.state.view.resets, axis.reach
-        chart.draw(
-            x, lines, axis.label, label, factor=scale.factor, view=view, reach=reach, y_range=y_range, space=space
-        )
+
+def axis_of(frame: Frame, space: int = 15) -> dict[str, Any]:
+    """What draws a chart over the time of a frame; with a wider `space` (px) a low chart has no number but 0."""
+    axis, view = time_axis(frame.drawn.time, frame.state), frame.state.view.resets
+    return {"x": axis.x, "x_label": axis.label, "view": view, "reach": axis.reach, "space": space}
 
 
 def signal_lines(frame: Frame) -> list[ChartLine]:
