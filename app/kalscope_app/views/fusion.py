@@ -46,17 +46,12 @@ class SensorControl:
             return TypedNumber(gui, session, f"{what} of sensor {number}", *BOXES[what], change)
 
         self._boxes = {what: box(what) for what in BOXES}
-        self._show_boxes(visible=False)
         on_user(self._tick.on_update, lambda _client: self._on_tick())
 
     @property
     def ticked(self) -> bool:
         """Whether its sensor is to take part."""
         return self.name is not None and self._tick.value
-
-    def _show_boxes(self, *, visible: bool) -> None:
-        for box in self._boxes.values():
-            box.set_visible(visible)
 
     def offer(self, name: str | None) -> None:
         """Represent this channel, not ticked; None: no channel."""
@@ -68,14 +63,13 @@ class SensorControl:
         fusion, name, share, used = frame.state.fusion, self.name or "", "", False
         self._fused = fusion is not None and name in fusion.tuning.sensors
         if fusion is not None and self._fused:
-            used, at = name not in fusion.dropped, fusion.tuning.sensors.index(name)
+            used = name not in fusion.dropped
             put(self._tick, value=used)
-            if used:
-                share = f": share {percent(fusion.shares[name])}"
-                for what, box in self._boxes.items():
-                    box.show(frame, getattr(fusion.tuning, what)[at], "0")
+            share = f": share {percent(fusion.shares[name])}" if used else ""
         put(self._tick, label=f"{one_line(name)[:MAX_NAME]}{share}")
-        self._show_boxes(visible=used)
+        for what, box in self._boxes.items():
+            numbers = dict(zip(fusion.tuning.sensors, getattr(fusion.tuning, what), strict=True)) if fusion else {}
+            box.show(frame, numbers.get(name), "0", visible=used)
 
     def _on_tick(self) -> None:
         if self._fused and self.name is not None:  # else it only marks a channel for the button

@@ -23,13 +23,8 @@ from kalscope.common.text import count, one_line
 from kalscope.errors import BadSetting
 from kalscope.papers.reproduction import list_experiments
 from kalscope.recording import Recording
-from kalscope.sources.grammar.read_options import (
-    OPTIONS,
-    ReadOptions,
-    option_words,
-    options_from_text,
-    split_values,
-)
+from kalscope.sources.grammar import read_options
+from kalscope.sources.grammar.read_options import OPTIONS, ReadOptions
 from kalscope.sources.reading.account import account, summary
 from kalscope.sources.reading.recording_file import read_recording
 from kalscope.sources.samples import list_samples
@@ -38,15 +33,8 @@ from kalscope.tuning.file import load_tuning
 from kalscope_app.engine.frame import Frame
 from kalscope_app.engine.jobs import Jobs
 from kalscope_app.guard.viser_private import take_upload
-from kalscope_app.session.changes import (
-    ENDING,
-    WAITING,
-    at_device,
-    open_fleet,
-    set_sample_period,
-    uploaded_settings,
-    use_settings,
-)
+from kalscope_app.session import changes
+from kalscope_app.session.changes import ENDING, set_sample_period
 from kalscope_app.session.opening import opened, opened_experiment, with_sample_period
 from kalscope_app.session.session import Failed, Session
 from kalscope_app.session.state import Change, State
@@ -90,7 +78,7 @@ def options_of(text: str) -> ReadOptions:
     Raises:
         BadSetting: a word that is no option, or a value that it does not have.
     """
-    given, missing, words = dict[str, Any](), list[str](), iter(split_values(text))
+    given, missing, words = dict[str, Any](), list[str](), iter(read_options.split_values(text))
     for word in words:
         option, _, value = word.partition("=")
         if option not in OPTIONS:
@@ -103,7 +91,7 @@ def options_of(text: str) -> ReadOptions:
             missing.append(value)
         else:
             given[option.removeprefix("--").replace("-", "_")] = value
-    return options_from_text(missing=missing, **given)
+    return read_options.options_from_text(missing=missing, **given)
 
 
 # Questions about the file, above the charts: each with the one option that would answer it otherwise.
@@ -295,9 +283,9 @@ class SourceView:
     def _open(self, spec: str) -> None:
         name = Path(spec).name or spec
         if spec.lower().endswith(ENDING):
-            self._load(name, partial(load_tuning, spec), lambda tuning: use_settings(tuning, name))
+            self._load(name, partial(load_tuning, spec), lambda tuning: changes.use_settings(tuning, name))
         elif spec and Path(spec).is_dir():
-            self._load(name, partial(fleet_of, Path(spec)), open_fleet)
+            self._load(name, partial(fleet_of, Path(spec)), changes.open_fleet)
         else:
             self._read(partial(open_source, spec), name, ReadOptions())
 
@@ -306,12 +294,13 @@ class SourceView:
         from kalscope.fleet.results import reopen
 
         reader = partial(reopen, fleet.devices.ids[device], fleet.devices.sources[device], fleet.note)
-        self._read(reader, fleet.devices.ids[device], fleet.note.reading, then=at_device(fleet, device))
+        self._read(reader, fleet.devices.ids[device], fleet.note.reading, then=changes.at_device(fleet, device))
 
     def _upload(self, upload: viser.UploadedFile) -> None:
         name, content = upload.name, upload.content
         if name.lower().endswith(ENDING):
-            self._load(name, partial(uploaded_settings, name, content), lambda tuning: use_settings(tuning, name))
+            read = partial(changes.uploaded_settings, name, content)
+            self._load(name, read, lambda tuning: changes.use_settings(tuning, name))
         else:
             # As an array it goes to the worker without a copy.
             self._read(partial(read_upload, name, np.frombuffer(content, np.uint8)), name, ReadOptions())
@@ -333,26 +322,17 @@ class SourceView:
 
         def read(state: State) -> None:
             options, recording = options_of(text), state.recording
-            (source, title), reader = self._again
-            same = (recording.source, recording.title) == (source, title)
+            before, reader = self._again
+            if before != (recording.source, recording.title):
+                reader = partial(open_source, recording.source)
             period = state.typed_period if options.rate is None else None
-            reader = reader if same else partial(open_source, recording.source)
-            self._read(reader, recording.title or recording.source, options, period)
+            then = [partial(with_sample_period, period=period)] if period is not None else []
+            self._read(reader, recording.title or recording.source, options, *then)
 
         self._jobs.run_with_state(self._session, read, Failed.OPEN)
 
-    def _read(
-        self,
-        reader: Reader,
-        what: str,
-        options: ReadOptions,
-        period: float | None = None,
-        then: Change = lambda state: state,
-    ) -> None:
-        """Read `what` as a job, then show it; `period` is the sample period that the user typed for this file, s.
-
-        What `then` changes belongs to the same step of Undo.
-        """
+    def _read(self, reader: Reader, what: str, options: ReadOptions, then: Change = lambda state: state) -> None:
+        """Read `what` as a job, then show it; what `then` changes belongs to the same step of Undo."""
 
         def work() -> None:
             with self._reading as job:
@@ -361,8 +341,7 @@ class SourceView:
             self._again = (recording.source, recording.title), reader
 
             def show(state: State) -> State:
-                after = then(replace(opened(recording, state), options=options))
-                return after if period is None else with_sample_period(after, period)
+                return then(replace(opened(recording, state), options=options))
 
             self._session.request(show, failed=Failed.OPEN)
 
@@ -371,19 +350,18 @@ class SourceView:
     def show(self, frame: Frame) -> None:
         """Show the import summary."""
         recording = frame.state.recording
-        self._period.show(frame, recording.sample_period, "")
-        self._period.set_visible(frame.state.live is None)
+        self._period.show(frame, recording.sample_period, "", visible=frame.state.live is None)
         if recording is self._described:  # once a recording, not once a frame
             return
         waits = frame.state.live is not None and frame.state.live.waits
-        self._report.content = f"{capitalised(WAITING)}." if waits else import_summary(recording)
+        self._report.content = f"{capitalised(changes.WAITING)}." if waits else import_summary(recording)
         self._options.value = words_of(frame.state.options)
         self._described = recording
 
 
 def words_of(options: ReadOptions) -> str:
     """Options as they are typed."""
-    return shlex.join(option_words(options))
+    return shlex.join(read_options.option_words(options))
 
 
 def read_upload(

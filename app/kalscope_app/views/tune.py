@@ -95,8 +95,8 @@ class ParametersView:
             value, missing = getattr(state.tuning, name), AUTOMATIC
             if name in ("momentum", "fast"):
                 value, missing = value or None, OFF
-            row.show(frame, value, missing, *place(state, name))
-            row.set_visible(state.uses_parameters and self._is_needed(name, frame))
+            visible = state.uses_parameters and self._is_needed(name, frame)
+            row.show(frame, value, missing, *place(state, name), visible=visible)
 
     def _is_needed(self, name: str, frame: Frame) -> bool:
         if name in ("momentum", "fast"):  # a slider that is dragged to off stays until then
@@ -160,13 +160,9 @@ class ChainView:
 # give.
 
 
-MORE_BOXES = {
-    "x0": ("initial estimate x0", "The estimate before the first sample. 0 is allowed; empty: the first sample."),
-    "gate": (
-        "outlier gate (σ)",
-        "Samples further from their prediction are not used. 4 σ is gate = 16 in a tuning file.",
-    ),
-}
+X0_HINT = "The estimate before the first sample. 0 is allowed; empty: the first sample."
+
+GATE_HINT = "Samples further from their prediction are not used. 4 σ is gate = 16 in a tuning file."
 
 MEDIAN_HINT = "Removes spikes of one sample (3) or two (5) before the filter, and adds one or two samples of lag."
 
@@ -175,10 +171,8 @@ class MoreView:
     """The controls that are needed rarely, and a table of derived numbers with what the last estimate found."""
 
     def __init__(self, gui: viser.GuiApi, session: Session) -> None:
-        self._x0, self._gate = (
-            TypedNumber(gui, session, name, *words, written=gate_digits if name == "gate" else None)
-            for name, words in MORE_BOXES.items()
-        )
+        self._x0 = TypedNumber(gui, session, "x0", "initial estimate x0", X0_HINT)
+        self._gate = TypedNumber(gui, session, "gate", "outlier gate (σ)", GATE_HINT, written=gate_digits)
         self._momentum = ParametersView(gui, session, "momentum", "fast")
         median = gui.add_dropdown("median first", list[str](changes.MEDIANS), hint=MEDIAN_HINT)
         self._median = bind(median, session, changes.set_median)
@@ -195,10 +189,8 @@ class MoreView:
         """Follow the frame."""
         state, tuning, used = frame.state, frame.state.tuning, frame.state.uses_parameters
         self._momentum.show(frame)
-        self._x0.show(frame, tuning.x0, "first")
-        self._gate.show(frame, tuning.gate, OFF)
-        self._x0.set_visible(used)
-        self._gate.set_visible(used and tuning.fast is None)
+        self._x0.show(frame, tuning.x0, "first", visible=used)
+        self._gate.show(frame, tuning.gate, OFF, visible=used and tuning.fast is None)
         window = 1 if tuning.chain is None else tuning.chain.median
         put(self._median, visible=state.fusion is None and tuning.paper is None)
         words = changes.median_words(window)

@@ -145,18 +145,13 @@ class TypedNumber:
         label: str,
         hint: str,
         change: Callable[[str, str], Change] = set_text,
-        written: Callable[[float], str] | None = None,
+        written: Callable[[float], str] = typed,
     ) -> None:
-        self._session, self._name, self._hint, self._change = session, name, hint, change
-        self._written = written or typed
+        self._session, self._name, self._hint, self._change, self._written = session, name, hint, change, written
         self._text = gui.add_text(label, "", hint=hint)
         self._value: object = ...  # nothing has been shown yet
         self._serial, self._stale = 0, False
         on_user(self._text.on_update, lambda _client: self._file())
-
-    def set_visible(self, visible: bool) -> None:
-        """Show or hide the box."""
-        put(self._text, visible=visible)
 
     def _file(self) -> None:
         """Request what was typed; the frame of it, or of its refusal, writes what the filter uses."""
@@ -164,8 +159,9 @@ class TypedNumber:
         change = self._change(self._name, self._text.value)
         self._serial = self._session.request(change, key=f"text {self._name}", failed=Failed.NUMBER)
 
-    def show(self, frame: Frame, value: float | None, missing: str) -> None:
+    def show(self, frame: Frame, value: float | None, missing: str, *, visible: bool = True) -> None:
         """Write the frame's value, unless a newer one was typed or the value has not changed."""
+        put(self._text, visible=visible)
         if "{unit}" in self._hint:
             put(self._text, hint=self._hint.format(unit=squared(frame.state.tuning.unit)))
         if frame.serial < self._serial or (value == self._value and not self._stale):
@@ -192,11 +188,6 @@ class NumberWithSlider:
         self._serial = 0
         on_user(self.slider.on_update, lambda _client: self._file())
 
-    def set_visible(self, visible: bool) -> None:
-        """Show or hide both."""
-        put(self.slider, visible=visible)
-        self._box.set_visible(visible)
-
     def is_held(self, frame: Frame) -> bool:
         """Whether this frame answers a move of the slider, or is older than that."""
         return 0 < frame.serial <= self._serial
@@ -205,9 +196,12 @@ class NumberWithSlider:
         change = self._change(float(self.slider.value))
         self._serial = self._session.request(change, key=f"slider {self._label}")
 
-    def show(self, frame: Frame, value: float | None, missing: str, position: float, ends: Ends) -> None:
+    def show(
+        self, frame: Frame, value: float | None, missing: str, position: float, ends: Ends, *, visible: bool
+    ) -> None:
         """Write the value, and move the slider between its ends unless it was moved since."""
-        self._box.show(frame, value, missing)
+        self._box.show(frame, value, missing, visible=visible)
+        put(self.slider, visible=visible)
         if frame.serial < self._serial:
             return
         set_ends(self.slider, *ends)
