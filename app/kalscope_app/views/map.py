@@ -21,19 +21,11 @@ from kalscope_app.program.user_settings import UserSettings
 from kalscope_app.session.changes import momentum_words, set_map_shown, set_point
 from kalscope_app.session.session import Session
 from kalscope_app.session.state import State
-from kalscope_app.studies.tuning_map import (
-    FleetLayer,
-    MapFrame,
-    Point,
-    TuningMap,
-    decades,
-    exponents_of,
-    lag_lines,
-    nothing,
-)
+from kalscope_app.studies import tuning_map
+from kalscope_app.studies.tuning_map import FleetLayer, MapFrame, Point, TuningMap, exponents_of
 from kalscope_app.views.charts import Palette, palette_of
 from kalscope_app.views.phone import page_figure, pixels_of
-from kalscope_app.views.widgets import on_user, put
+from kalscope_app.views.widgets import add_button, on_user, put
 from kalscope_app.views.window import MAP_PICTURE, MAP_POINTED, MAP_PRESENT
 
 if TYPE_CHECKING:
@@ -120,7 +112,7 @@ def _halo(width: float, colour: str, alpha: float = 1.0) -> list[AbstractPathEff
 def _draw_lags(axes: Axes, frame: MapFrame, period: float | None, palette: Palette) -> None:
     """Lines of equal lag with the lag where each leaves the map, at the top or the right edge; the first paper."""
     free = -math.inf
-    for lag, (q, r) in sorted(lag_lines(frame, lag_unit(period)[1]), key=lambda one: one[1]):
+    for lag, (q, r) in sorted(tuning_map.lag_lines(frame, lag_unit(period)[1]), key=lambda one: one[1]):
         text, (x, y) = lag_words(lag, period), frame.pixel((q, r))
         axes.axline((q, r), slope=1.0, color=palette.ink, linewidth=1, alpha=0.4)
         half = 3.4 * len(text)
@@ -192,7 +184,7 @@ def _write_axes(axes: Axes, frame: MapFrame, state: State, palette: Palette) -> 
     """The decades of q and r, their names, and above the lags for which momentum the map holds."""
     unit = squared(state.tuning.unit)
     for axis, ends, name in (axes.xaxis, frame.q, "process noise q"), (axes.yaxis, frame.r, "measurement noise r"):
-        ticks = decades(*ends)
+        ticks = tuning_map.decades(*ends)
         axis.set_ticks(ticks, [tick(e) for e in ticks])
         axis.set_label_text(f"{name}, {unit}", color=palette.ink, fontsize=13)
     momentum = momentum_words(frame.momentum, state.recording.sample_period)
@@ -247,21 +239,20 @@ class TuningMapView:
         self._session = session
         self.on_device: Callable[[Fleet, int], None] = lambda _fleet, _device: None
         """Called when a device of an open fleet is clicked."""
-        self._map = nothing("")
+        self._map = tuning_map.nothing("")
         self._state: State | None = None
         self._pictures = Cache[NDArray[np.uint8]]()
         self._drawn: NDArray[np.uint8] | None = None
 
     def build_button(self, gui: viser.GuiApi, settings: UserSettings, jobs: Jobs) -> None:
         """The button of the header; what it does is remembered for the next start."""
-        self._shown = gui.add_button(SHOW, hint="The map of q and r beside the charts: click or drag in it.")
 
-        def toggle() -> None:
+        def toggle(_client: viser.ClientHandle) -> None:
             shown = self._shown.label == SHOW
             self._session.request(set_map_shown(shown))
             jobs.run(partial(settings.keep, map_shown=shown))
 
-        on_user(self._shown.on_click, lambda _client: toggle())
+        self._shown = add_button(gui, SHOW, "The map of q and r beside the charts: click or drag in it.", toggle)
 
     def build_controls(self, gui: viser.GuiApi) -> None:
         """The widgets that the page shows as the map."""
@@ -274,25 +265,19 @@ class TuningMapView:
     # What the user does.
 
     def _on_pointed(self) -> None:
-        """File the pair under a drag or a click."""
+        """File the pair under a drag or a click, or open the device under a click if there is one."""
         across, down, gesture = self._pointed.value
         frame, state = self._map.frame, self._state
         if state is None or not self._map.marks:
             return
         x, y = across * frame.width, down * frame.height
-        if gesture < 0.0 and self._on_fleet((x, y)):
-            return
-        if gesture > 0.0 or frame.inside((x, y)):
-            point = frame.held(frame.point((x, y)))
-            self._session.request(set_point(*point), key=f"held:map {gesture:.0f}")
-
-    def _on_fleet(self, at: Point) -> bool:
-        """Open the device under a click, if there is one."""
         fleet = self._map.fleet
-        device = None if fleet is None else fleet.nearest(self._map.frame, at)
+        device = fleet.nearest(frame, (x, y)) if fleet is not None and gesture < 0.0 else None
         if fleet is not None and device is not None:
             self.on_device(fleet.fleet, device)
-        return device is not None
+        elif gesture > 0.0 or frame.inside((x, y)):
+            point = frame.held(frame.point((x, y)))
+            self._session.request(set_point(*point), key=f"held:map {gesture:.0f}")
 
     # What the user sees.
 
@@ -305,18 +290,16 @@ class TuningMapView:
             self._place(frame.state)
 
     def _place(self, state: State) -> None:
-        visible = bool(self._map.marks) and state.has_one_speed
-        put(self._present, value=self._share(exponents_of(state.tuning.q, state.tuning.r)) if visible else NOWHERE)
-
-    def _share(self, point: Point) -> Point:
-        """The position of a pair of exponents, in shares of the picture; on the edge of the map if outside."""
-        frame = self._map.frame
-        x, y = frame.pixel(frame.held(point))
-        return x / frame.width, y / frame.height
+        """Put the mark on the pair, in shares of the picture; on the edge of the map if the pair is outside."""
+        frame, at = self._map.frame, NOWHERE
+        if self._map.marks and state.has_one_speed:
+            x, y = frame.pixel(frame.held(exponents_of(state.tuning.q, state.tuning.r)))
+            at = x / frame.width, y / frame.height
+        put(self._present, value=at)
 
     def on_emptied(self) -> None:
         """A click means nothing without a picture."""
-        self._map = nothing("")
+        self._map = tuning_map.nothing("")
         put(self._present, value=NOWHERE)
 
     def show(self, answer: tuple[State, TuningMap] | None) -> None:
