@@ -27,6 +27,7 @@ from kalscope_app.session.session import Session
 from kalscope_app.session.state import State
 from kalscope_app.studies import checks, comparisons
 from kalscope_app.studies.tuning_map import compute_map
+from kalscope_app.views import window
 from kalscope_app.views.board import BoardView, compared
 from kalscope_app.views.chart_tabs import AllanView, AlternativesView, ChannelsView, SpectrumView
 from kalscope_app.views.checks import ChecksView, VerdictView
@@ -41,16 +42,6 @@ from kalscope_app.views.signal import SignalView, WindowView
 from kalscope_app.views.source import QuestionView, SourceView
 from kalscope_app.views.tune import ChainView, MoreView, ParametersView, StepsView
 from kalscope_app.views.variants import VariantsView
-from kalscope_app.views.window import (
-    Commands,
-    FirstSteps,
-    GuardedViews,
-    HeaderView,
-    Notifications,
-    Panels,
-    ViewTab,
-    add_help,
-)
 from kalscope_app.worker.worker import Worker
 
 log = logging.getLogger(__name__)
@@ -74,7 +65,7 @@ class Dashboard:
             folder: the folder that recordings stay in.
             log_file: the log, named in notifications.
         """
-        self._server, self.notifications = server, Notifications(server, log_file)
+        self._server, self.notifications = server, window.Notifications(server, log_file)
         tell = self.notifications.tell
         self._port_jobs = Jobs(tell)  # a port must not wait for a long search
         self._connection = BoardConnection(self._port_jobs, state.live and state.live.board)
@@ -82,9 +73,9 @@ class Dashboard:
         state = state.with_view(map_shown=self._settings.has("map_shown"))
         self.session = Session(state, self._connection)
         self._jobs, self._worker = Jobs(tell), Worker()
-        self._panels = Panels(server)
+        self._panels = window.Panels(server)
         self._note, self._fitting = "", None
-        self._views = GuardedViews(tell)
+        self._views = window.GuardedViews(tell)
         self._last: Frame | None = None
         self._kept, self._opened, self._written = KeptTunings(), "", None
         self._map = TuningMapView(self.session)
@@ -135,17 +126,17 @@ class Dashboard:
         self._fleet = FleetTab(gui, self._panels.right, self.session, self._jobs, self._source.open_device)
         with noise:
             self._spectrum, self._allan = SpectrumView(gui), AllanView(gui)
-        self._commands = Commands(gui)
+        self._commands = window.Commands(gui)
 
     def _build_left(self, gui: viser.GuiApi, folder: Path) -> None:
         """The header and the tabs below it."""
-        self._header = HeaderView(gui, self.session)
+        self._header = window.HeaderView(gui, self.session)
         self._verdict = VerdictView(gui, self.session)
         self._map.build_button(gui, self._settings, self._jobs)
         self._verdict.build_reasons(gui)
         tabs = gui.add_tab_group()
         with tabs.add_tab("Tune"):
-            steps = FirstSteps(gui, self._settings, self._jobs)
+            steps = window.FirstSteps(gui, self._settings, self._jobs)
             self._build_tune(gui)
         with tabs.add_tab("Source"):
             self._source = SourceView(gui, self.session, self._jobs, self._worker, self._kept.last())
@@ -161,10 +152,10 @@ class Dashboard:
             add_downloads(gui, self.session, self._jobs)
             self._command_line = CommandLineView(gui)
         with tabs.add_tab("View"):
-            self._view = ViewTab(gui, self.session)
+            self._view = window.ViewTab(gui, self.session)
             self._map.build_controls(gui)
         with tabs.add_tab("Help"):
-            add_help(gui, steps)
+            window.add_help(gui, steps)
 
     def _build_tune(self, gui: viser.GuiApi) -> None:
         self._chain = ChainView(gui, self.session)

@@ -19,6 +19,9 @@ from kalscope_app.session.state import BoardCalibration, Sent, State
 from kalscope_app.studies.checks import compare_with_board
 from kalscope_app.views.widgets import SlowJob, add_button, capitalised, escape_markdown, put
 
+Tell = Callable[..., None]
+"""Shows a sentence; `good`: not an error; `failed`: its heading."""
+
 # The folder "Noise measured by the board" of the Export tab, for a board that runs the exported sketch.
 
 
@@ -30,9 +33,7 @@ MAX_SHOWN = 1000
 class CalibrationView:
     """Measures in a job queue of its own; the result is filed in the session."""
 
-    def __init__(
-        self, gui: viser.GuiApi, session: Session, tell: Callable[..., None], connection: BoardConnection
-    ) -> None:
+    def __init__(self, gui: viser.GuiApi, session: Session, tell: Tell, connection: BoardConnection) -> None:
         self._session, self._tell, self._connection = session, tell, connection
         self._jobs = Jobs(tell)  # a measurement takes minutes: no search should wait for it
         self._ended = 0.0
@@ -128,12 +129,7 @@ class BoardView:
     """Sends as a job; what the board answered is filed in the session, the comparison is a study."""
 
     def __init__(
-        self,
-        gui: viser.GuiApi,
-        session: Session,
-        jobs: Jobs,
-        tell: Callable[..., None],
-        connection: BoardConnection,
+        self, gui: viser.GuiApi, session: Session, jobs: Jobs, tell: Tell, connection: BoardConnection
     ) -> None:
         self._session, self._jobs, self._tell, self._connection = session, jobs, tell, connection
         with gui.add_folder("Send to the board", visible=False) as self._folder:

@@ -332,7 +332,8 @@ class Chart:
         series = ({"label": x_label}, *(one.style for one in lines))
         bands = tuple({"series": (i, i - 1), "fill": one.fill} for i, one in enumerate(lines, 1) if one.fill)
         put(self.handle, series=series, bands=bands, axes=(across, up))
-        if not same_numbers(data, self._data):
+        same = (np.array_equal(*pair, equal_nan=True) for pair in zip(data, self._data, strict=False))
+        if len(data) != len(self._data) or not all(same):
             self.handle.data = self._data = data
         put(self.handle, visible=True)
 
@@ -351,13 +352,6 @@ class Chart:
     def hide(self) -> None:
         """Take the chart off the screen: without an answer, an old curve would be mistaken for one."""
         put(self.handle, visible=False)
-
-
-def same_numbers(one: tuple[Array, ...], other: tuple[Array, ...]) -> bool:
-    """Whether two tuples hold equal arrays."""
-    return len(one) == len(other) and all(
-        np.array_equal(a, b, equal_nan=True) for a, b in zip(one, other, strict=True)
-    )
 
 
 def axis(size: int, ticks: tuple[float, ...] | None = None) -> dict[str, object]:

@@ -21,6 +21,7 @@ from kalscope_app.views.widgets import add_button, bind, escape_markdown, offer,
 if TYPE_CHECKING:
     from kalscope.fleet.results import Fleet
 
+    OpenDevice = Callable[[Fleet, int], None]
 
 # The texts of the tab "Fleet"; names may hold anything. Pure.
 
@@ -108,12 +109,7 @@ class FleetTab:
     """The tab "Fleet" of the wide pane, there only while a fleet is open; `map.js` brings it to the front."""
 
     def __init__(
-        self,
-        gui: viser.GuiApi,
-        pane: viser.PanelHandle,
-        session: Session,
-        jobs: Jobs,
-        open_device: Callable[[Fleet, int], None],
+        self, gui: viser.GuiApi, pane: viser.PanelHandle, session: Session, jobs: Jobs, open_device: OpenDevice
     ) -> None:
         """Args: the usual; the wide pane; opens the recording of a row."""
         self._gui, self._pane, self._session, self._jobs, self._open_device = gui, pane, session, jobs, open_device

@@ -20,15 +20,16 @@ from kalscope_app.session.state import ConnectionState
 from kalscope_app.views.widgets import add_button, bind, escape_markdown, offer, on_user
 from kalscope_app.views.window import TYPED
 
+OpenSpec = Callable[[str], None]
+"""Opens the file at a path."""
+
 # Record what a board sends: the name of the file, the buttons, and the status of the recording.
 
 
 class RecordingView:
     """The last part of the folder "Live board". Starting and stopping are jobs."""
 
-    def __init__(
-        self, gui: viser.GuiApi, jobs: Jobs, recording: BoardRecording, open_spec: Callable[[str], None]
-    ) -> None:
+    def __init__(self, gui: viser.GuiApi, jobs: Jobs, recording: BoardRecording, open_spec: OpenSpec) -> None:
         """Args: the usual; the recording; opens the file at a path."""
         self._board_recording = recording
         self._text = gui.add_markdown("")
@@ -90,7 +91,7 @@ class LiveView:
         jobs: Jobs,
         connection: BoardConnection,
         recording: BoardRecording,
-        open_spec: Callable[[str], None],
+        open_spec: OpenSpec,
     ) -> None:
         """Args: the usual; the connection's own jobs; the connection; its recording; opens the file at a path."""
         self._session, self._jobs, self._connection = session, jobs, connection

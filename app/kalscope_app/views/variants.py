@@ -17,9 +17,8 @@ from kalscope_app.views.widgets import capitalised, escape_markdown, offer, on_u
 NOTHING = "–"
 
 EMPTY = (
-    "Nothing is pinned on this channel yet. **Pin**, in the Tune tab, keeps the current filter "
-    "as A, so that you can compare later settings with it. "
-    f"Up to {MAX_VARIANTS} can be pinned."
+    "Nothing is pinned on this channel yet. **Pin**, in the Tune tab, keeps the current filter as A, so that "
+    f"you can compare later settings with it. Up to {MAX_VARIANTS} can be pinned."
 )
 
 FOR_ONE_CHANNEL = "A setting of one channel can be pinned: choose one above the tabs."
