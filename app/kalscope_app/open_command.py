@@ -113,7 +113,7 @@ def open_dashboard(
         state = first_state(followed(source) if follow else source, reading, config, sample_period)
         state = apply_options(state, channel, **given)
         start = functools.partial(guarded_server, host, port, allow_hosts=allow_host or (), behind=behind)
-        start = functools.partial(start, token=token, page_script=page_script(), hold=True, label="Kalscope")
+        start = functools.partial(start, token=token, page_script=page_script(), hold=True)
         serve(state, start, log, hidden, browser=browser)
 
 

@@ -120,7 +120,7 @@ def _is_possible(value: object, most: int) -> bool:
 
 
 MAX_UPLOAD_BYTES = 64 * 2**20
-"""Size of an upload, by default. Larger files are opened by path."""
+"""Size of an upload, at most. Larger files are opened by path."""
 
 
 STALLED_S = 30.0
@@ -130,11 +130,11 @@ MIN_PART_BYTES = 1024
 """A browser cuts an upload into parts of 512 KiB; one that announces parts smaller than this is refused."""
 
 
-def upload_refusal(size_bytes: int, part_count: int, max_bytes: int) -> str | None:
+def upload_refusal(size_bytes: int, part_count: int) -> str | None:
     """Why an announced upload of this many bytes and parts cannot be taken, or None if it can."""
-    if size_bytes > max_bytes:
+    if size_bytes > MAX_UPLOAD_BYTES:
         return (
-            f"This file has {size_bytes / 2**20:.1f} MiB; up to {max_bytes / 2**20:g} MiB can be uploaded. "
+            f"This file has {size_bytes / 2**20:.1f} MiB; up to {MAX_UPLOAD_BYTES / 2**20:g} MiB can be uploaded. "
             "Start Kalscope with the file's path instead: kalscope open FILE"
         )
     fewest, most = min(size_bytes, 1), -(-size_bytes // MIN_PART_BYTES)
@@ -144,8 +144,8 @@ def upload_refusal(size_bytes: int, part_count: int, max_bytes: int) -> str | No
 class UploadLimits:
     """Takes one upload at a time, within its announced size. Runs on the event loop."""
 
-    def __init__(self, max_bytes: int, on_refused: Callable[[str], None] | None) -> None:
-        self._max_bytes, self._on_refused = max_bytes, on_refused
+    def __init__(self, on_refused: Callable[[str], None] | None) -> None:
+        self._on_refused = on_refused
         self.clients: dict[int, Channel] = {}
         """The panels of each client."""
         self._uploads: dict[str, Any] = {}
@@ -160,7 +160,7 @@ class UploadLimits:
             return None
         if time.monotonic() - self._last_part > STALLED_S:  # it cannot block the others for ever
             self._uploads.pop(self._name, None)
-        reason = upload_refusal(message.size_bytes, message.part_count, self._max_bytes)
+        reason = upload_refusal(message.size_bytes, message.part_count)
         if reason is None and self._name in self._uploads:
             reason = "Another upload is still under way. Try again when it has ended."
         if reason is not None:
@@ -268,15 +268,13 @@ class MessageFilter:
     Everything but `install` runs on the event loop, so nothing here needs a lock.
     """
 
-    def __init__(
-        self, server: viser.ViserServer, max_upload_bytes: int, on_refused: Callable[[str], None] | None
-    ) -> None:
+    def __init__(self, server: viser.ViserServer, on_refused: Callable[[str], None] | None) -> None:
         self._server, self._socket = server, socket_of(server)
         self._shared = Channel(self._socket)
         self._sync = WidgetSync(self._shared)
         self._rates: dict[int, RateLimit] = {}
         self._closing: dict[int, asyncio.Task[None]] = {}
-        uploads = UploadLimits(max_upload_bytes, on_refused)
+        uploads = UploadLimits(on_refused)
         self._clients = uploads.clients
         self._checks: dict[type[Message], Callable[[Channel, int, Any], Message | None]] = {
             messages.GuiUpdateMessage: self._checked_update,

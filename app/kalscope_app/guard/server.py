@@ -11,7 +11,7 @@ import socket
 import threading
 from collections.abc import Callable, Generator, Iterable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import rich
 import viser
@@ -19,13 +19,9 @@ import websockets.asyncio.server
 
 from kalscope.errors import BadSetting, KalscopeError, reason_of
 from kalscope_app.guard import requests as pages
-from kalscope_app.guard.messages import MAX_UPLOAD_BYTES, MessageFilter
+from kalscope_app.guard.messages import MessageFilter
 from kalscope_app.guard.requests import BURST, MAX_UNKNOWN, Policy, RequestFilter
 from kalscope_app.guard.viser_private import replaced
-
-if TYPE_CHECKING:
-    import asyncio
-
 
 # The self-test: the attacks that every new server must withstand before its link is printed.
 #
@@ -59,11 +55,7 @@ def run_self_test(policy: Policy, address: str) -> None:
     """
     own, home = f"127.0.0.1:{policy.port}", policy.home
     cookie = {"Cookie": f"{policy.cookie_name}={policy.token}"}
-    user, origin, foreign_origin = (
-        {"Host": own, **cookie},
-        {"Origin": f"http://{own}"},
-        {"Origin": f"http://{FOREIGN}"},
-    )
+    user, origin = {"Host": own, **cookie}, {"Origin": f"http://{own}"}
     attempts: tuple[tuple[str, int, str, dict[str, str]], ...] = (
         ("a page without the cookie (H1)", 403, home, {"Host": own}),
         ("a page under a foreign name (H2)", 403, home, {"Host": FOREIGN, **cookie}),
@@ -71,7 +63,7 @@ def run_self_test(policy: Policy, address: str) -> None:
         ("a file outside the page's folder (H11)", 404, "/%2e%2e/%2e%2e/_viser.py", user),
         ("the user's own page (H8)", 200, home, user),
         ("a socket of no page (W1)", 403, home, user | _UPGRADE),
-        ("a socket of a foreign page (W3)", 403, home, user | _UPGRADE | foreign_origin),
+        ("a socket of a foreign page (W3)", 403, home, user | _UPGRADE | {"Origin": f"http://{FOREIGN}"}),
         ("a socket without the cookie (W8)", 403, home, {"Host": own} | _UPGRADE | origin),
         ("the user's own socket, too early (W9)", 503, home, user | _UPGRADE | origin),
     )
@@ -114,8 +106,12 @@ class GuardedServer(contextlib.AbstractContextManager["GuardedServer"]):
     """The port actually bound."""
     token: str
     """The secret alone, so that logs can leave it out."""
-    let_in: Callable[[], None]
-    """Connects the browsers that are waiting, and from then on all others at once."""
+    _ready: Callable[[], object]
+
+    def let_in(self) -> None:
+        """Connect the browsers that are waiting, and from then on all others at once."""
+        with contextlib.suppress(RuntimeError):  # the server has stopped
+            self.server.get_event_loop().call_soon_threadsafe(self._ready)
 
     def stop(self) -> None:
         """Stop the server and free its port. A second call does nothing."""
@@ -132,12 +128,10 @@ def guarded_server(
     *,
     allow_hosts: Iterable[str] = (),
     behind: str | None = None,
-    token: str | Callable[[int], str] | None = None,
-    max_upload_bytes: int = MAX_UPLOAD_BYTES,
+    token: Callable[[int], str] = lambda _port: secrets.token_urlsafe(32),
     on_refused: Callable[[str], None] | None = None,
     page_script: str = "",
     hold: bool = False,
-    **viser_kwargs: Any,
 ) -> GuardedServer:
     """Start viser behind the guard. When this returns, the server has passed the self-test.
 
@@ -148,14 +142,11 @@ def guarded_server(
             besides localhost and the loopback addresses.
         behind: the https address, `https://NAME`, under which a reverse proxy shows this server; the proxy
             must pass the Host header on.
-        token: the secret of the link, 16 to 128 of A-Z a-z 0-9 _ -, or a function that returns the one of the port
-            that was bound; None makes a new one.
-        max_upload_bytes: size of an upload.
+        token: returns the secret of the link, 16 to 128 of A-Z a-z 0-9 _ -, for the port that was bound.
         on_refused: called with a sentence for each upload that was refused. It runs on the event loop:
             it may show a notification, and must not block.
         page_script: JavaScript that runs in the dashboard's page before viser's own.
         hold: a page may load at once, but its connection waits until `let_in` is called.
-        viser_kwargs: passed to `viser.ViserServer`.
 
     Raises:
         BadSetting: host, port, an allowed name or the token cannot be used.
@@ -166,26 +157,26 @@ def guarded_server(
         listener = undo.enter_context(_listen(host, port))
         address, bound_port = listener.getsockname()[:2]
         link_host = _link_host(host, address, names)
-        secret = token(bound_port) if callable(token) else token
-        secret = secrets.token_urlsafe(32) if secret is None else secret
-        policy = pages.Policy(bound_port, secret, frozenset({*names, link_host}), pages.behind_of(behind))
+        known = frozenset({*names, link_host})
+        policy = pages.Policy(bound_port, token(bound_port), known, pages.behind_of(behind))
         with _expecting_known_viser():
             requests = RequestFilter(policy, page_script)
-        server = _start_viser(listener, requests, viser_kwargs)
+        server = _start_viser(listener, requests)
         listener.listen(MAX_UNKNOWN)  # asyncio takes one number for the queue of the system and for its own burst
         undo.callback(_stop, server)
         with _expecting_known_viser():
-            MessageFilter(server, max_upload_bytes, on_refused).install()
+            MessageFilter(server, on_refused).install()
         ip = ipaddress.ip_address(address)
         run_self_test(policy, address if not ip.is_unspecified else "127.0.0.1" if ip.version == 4 else "::1")
         requests.is_open = True
         undo.pop_all()
     shown_host = f"[{link_host}]" if ":" in link_host else link_host
     origin = f"https://{policy.behind}" if policy.behind else f"http://{shown_host}:{bound_port}"
-    let_in = functools.partial(_set, requests.ready, server)
+    link = f"{origin}/?token={policy.token}"
+    guarded = GuardedServer(server, link, bound_port, policy.token, requests.ready.set)
     if not hold:
-        let_in()
-    return GuardedServer(server, f"{origin}/?token={policy.token}", bound_port, policy.token, let_in)
+        guarded.let_in()
+    return guarded
 
 
 # --- the socket -------------------------------------------------------------------------------------------
@@ -222,15 +213,11 @@ def _link_host(host: str, address: str, names: tuple[str, ...]) -> str:
 # --- viser, started behind the filter ---------------------------------------------------------------------
 
 
-def _start_viser(
-    listener: socket.socket, requests: RequestFilter, viser_kwargs: dict[str, Any]
-) -> viser.ViserServer:
+def _start_viser(listener: socket.socket, requests: RequestFilter) -> viser.ViserServer:
     """Construct viser so that it serves on `listener`, behind the filter."""
     port = listener.getsockname()[1]
-    fixed = {"host": "127.0.0.1", "port": port, "share": False}
-    arguments: dict[str, Any] = {"verbose": False, **viser_kwargs, **fixed}
     with _construction, _serving_behind(requests, listener), _without_viser_output():
-        server = viser.ViserServer(**arguments)
+        server = viser.ViserServer("127.0.0.1", port, label="Kalscope", verbose=False, share=False)
     if not requests.installed or server.get_port() != port:
         _stop(server)
         raise GuardFailed("viser no longer opens its socket the way Kalscope guards: install viser 1.1.1")
@@ -257,11 +244,6 @@ def _serving_behind(requests: RequestFilter, listener: socket.socket) -> context
 def _without_viser_output() -> contextlib.AbstractContextManager[None]:
     """Standard output is for our one line, the link; viser prints as it starts and stops, verbose or not."""
     return replaced(rich, "print", lambda *_args, **_kwargs: None)
-
-
-def _set(event: asyncio.Event, server: viser.ViserServer) -> None:
-    with contextlib.suppress(RuntimeError):  # the server has stopped
-        server.get_event_loop().call_soon_threadsafe(event.set)
 
 
 def _stop(server: viser.ViserServer) -> None:

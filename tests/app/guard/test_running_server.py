@@ -64,7 +64,7 @@ def test_a_busy_port_and_an_unusable_host_are_named_at_once():
 def test_all_networks_need_a_name():
     with pytest.raises(BadSetting, match="--allow-host"):
         guarded_server("0.0.0.0", 0)
-    with guarded_server("0.0.0.0", 0, allow_hosts=["Raspberry.local"], token=TOKEN) as running:
+    with guarded_server("0.0.0.0", 0, allow_hosts=["Raspberry.local"], token=lambda _port: TOKEN) as running:
         assert running.url == f"http://raspberry.local:{running.port}/?token={TOKEN}"
         host = f"raspberry.local:{running.port}"
         assert status_of(get(running.port, f"/?token={TOKEN}", host)) == 200
@@ -74,7 +74,7 @@ def test_all_networks_need_a_name():
 @pytest.mark.parametrize("hold", [False, True])
 def test_stop_frees_the_port_even_with_a_client_that_is_connected_or_waits(hold):
     before = threads_of_viser()
-    running = guarded_server(port=0, token=TOKEN, hold=hold, share=True)  # no argument opens the public tunnel
+    running = guarded_server(port=0, token=lambda _port: TOKEN, hold=hold)
     with client(running.port) as connected:
         _ = hold or connected.recv(timeout=PATIENCE)
         assert threads_of_viser() > before
@@ -85,7 +85,7 @@ def test_stop_frees_the_port_even_with_a_client_that_is_connected_or_waits(hold)
 
 
 def test_a_page_loads_while_its_connection_waits_for_the_screen():
-    with guarded_server(port=0, token=TOKEN, hold=True) as running:
+    with guarded_server(port=0, token=lambda _port: TOKEN, hold=True) as running:
         assert status_of(get(running.port, extra=f"Cookie: {cookie(running.port)}\r\n")) == 200
         with client(running.port) as waiting:
             running.server.gui.add_button("built meanwhile")
@@ -98,7 +98,7 @@ def test_a_page_loads_while_its_connection_waits_for_the_screen():
 
 @pytest.mark.skipif(not socket.has_ipv6, reason="this machine has no IPv6")
 def test_the_link_of_an_ipv6_address_has_brackets():
-    with guarded_server("::1", 0, token=TOKEN) as running:
+    with guarded_server("::1", 0, token=lambda _port: TOKEN) as running:
         assert running.url == f"http://[::1]:{running.port}/?token={TOKEN}"
         link = f"GET /?token={TOKEN} HTTP/1.1\r\nHost: [::1]:{running.port}\r\n\r\n"
         answer = exchange(running.port, link, "::1")

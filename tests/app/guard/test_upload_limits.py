@@ -74,11 +74,12 @@ class Bench:
 
 
 @pytest.fixture
-def bench() -> Iterator[Bench]:
+def bench(monkeypatch) -> Iterator[Bench]:
+    monkeypatch.setattr(message_filter, "MAX_UPLOAD_BYTES", CAP)
     refused: queue.Queue[str] = queue.Queue()
     arrived: queue.Queue[viser.ClientHandle] = queue.Queue()
     with (
-        guarded_server(port=0, token=TOKEN, max_upload_bytes=CAP, on_refused=refused.put) as running,
+        guarded_server(port=0, token=lambda _port: TOKEN, on_refused=refused.put) as running,
         client(running.port) as connection,
     ):
         running.server.on_client_connect(arrived.put)
