@@ -154,17 +154,14 @@ class Studies:
                 took.append(self._longest)  # not a whole round: a longer study may be still to come
                 break
             start = time.monotonic()
-            self._one(study, state)
+            try:
+                answer = study.compute(state)
+                if state is self._state:
+                    study.show(answer)
+            except Exception as error:  # the thread must outlive any single state
+                study.fail(error)
             took.append(time.monotonic() - start)
         self._longest = max(took)
-
-    def _one(self, study: Study, state: State) -> None:
-        try:
-            answer = study.compute(state)
-            if state is self._state:
-                study.show(answer)
-        except Exception as error:  # the thread must outlive any single state
-            study.fail(error)
 
 
 # One worker thread: it applies the requests, computes one Frame for all of them, and passes it to the views.

@@ -148,12 +148,9 @@ def choose_samples(
     truth = None if recording.truth is None else recording.truth[:, column]
     values = recording.values[first:last, [column, *columns]] if others else z[first:last]
     at = first + choose_indices(values, None if truth is None or others else truth[first:last], limit)
-    inside = clock[
-        first:last
-    ]  # across a gap in time that can be seen a band would show readings where there are none
-    dense = last - first > DENSE and not (
-        missing or others or np.diff(inside).max() > GAP * (inside[-1] - inside[0])
-    )
+    dense, inside = last - first > DENSE and not (missing or others), clock[first:last]
+    # Across a gap in time that can be seen a band would show readings where there are none.
+    dense = dense and bool(np.diff(inside).max() <= GAP * (inside[-1] - inside[0]))
     return DrawnSamples(
         first=first,
         last=last,

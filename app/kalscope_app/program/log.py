@@ -83,10 +83,8 @@ class ErrorReporter:
         def on_thread(args: threading.ExceptHookArgs) -> None:
             self.report(f"thread {args.thread.name if args.thread else '?'}", args.exc_value)
 
-        def on_unraisable(args: Any) -> None:
-            self.report(args.err_msg or "clean-up", args.exc_value)
-
-        threading.excepthook, sys.unraisablehook = on_thread, on_unraisable
+        threading.excepthook = on_thread
+        sys.unraisablehook = lambda args: self.report(args.err_msg or "clean-up", args.exc_value)
         try:
             yield
         finally:
@@ -146,14 +144,6 @@ class _File(logging.handlers.RotatingFileHandler):
         return open(handle, "a", encoding="utf-8", errors="backslashreplace")
 
 
-def _check_own(path: Path) -> None:
-    """Refuse a file that is no log of Kalscope: it would be appended to, and removed once there are newer ones."""
-    if path.is_file():
-        with path.open("rb") as file:
-            if not _ENTRY.match(file.read(200)):
-                raise BadSetting(f"--log must name a new file or a log of Kalscope (got {str(path)!r})")
-
-
 @contextmanager
 def logging_to(file: Path | None = None, *, verbose: bool = False) -> Generator[list[str]]:
     """Log on standard error, and into `file`, while the block runs.
@@ -169,9 +159,11 @@ def logging_to(file: Path | None = None, *, verbose: bool = False) -> Generator[
         OSError: the file cannot be written.
         BadSetting: the file, or an old one beside it, exists and is not such a log.
     """
-    if file is not None:
-        for path in (file, *(Path(f"{file}.{number}") for number in range(1, OLD_FILES + 1))):
-            _check_own(path)
+    known = () if file is None else (file, *(Path(f"{file}.{number}") for number in range(1, OLD_FILES + 1)))
+    for path in filter(Path.is_file, known):  # it would be appended to, and removed once there are newer ones
+        with path.open("rb") as old:
+            if not _ENTRY.match(old.read(200)):
+                raise BadSetting(f"--log must name a new file or a log of Kalscope (got {str(path)!r})")
     hidden: list[str] = []
     on_terminal = logging.StreamHandler(sys.stderr)
     on_terminal.setFormatter(Lines("kalscope: %(message)s", hidden, with_traceback=verbose))

@@ -95,9 +95,8 @@ def _kept_tunings_folder() -> Path:
 
 
 def _file_of(source: str) -> Path:
-    return (
-        _kept_tunings_folder() / f"{hashlib.sha256(source.encode(errors='surrogateescape')).hexdigest()[:32]}.toml"
-    )
+    digest = hashlib.sha256(source.encode(errors="surrogateescape")).hexdigest()
+    return _kept_tunings_folder() / f"{digest[:32]}.toml"
 
 
 def _newest_first(folder: Path) -> list[Path]:

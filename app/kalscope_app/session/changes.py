@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Iterable
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -17,7 +17,7 @@ from kalscope.common.text import TIME_UNITS, command_line, lag_text, one_line, t
 from kalscope.errors import BadFile, BadSetting
 from kalscope.estimation.result import Estimate
 from kalscope.filtering.classic import Chain
-from kalscope.filtering.params import MAX_FAST, MAX_MOMENTUM, FilterParams
+from kalscope.filtering.params import MAX_FAST, MAX_MOMENTUM
 from kalscope.filtering.steady import steady_state
 from kalscope.recording import Recording
 from kalscope.sources.grammar.read_options import option, option_words
@@ -25,6 +25,7 @@ from kalscope.sources.live.samples import Snapshot
 from kalscope.sources.live.source import LiveSource
 from kalscope.tuning.choose import name_of_fused
 from kalscope.tuning.file import loads
+from kalscope.tuning.toml_text import text_of
 from kalscope.tuning.tuning import ChannelTuning, Tuning, chain_text, typed_chain
 from kalscope_app.session import opening
 from kalscope_app.session.state import (
@@ -62,21 +63,35 @@ DECADES = {"q": (-8, 3), "r": (-5, 4), "p0": (-6, 6)}
 
 def slider_limits(state: State, name: str) -> tuple[int, int]:
     """Lowest and highest exponent of a slider: around the signal's own noise, wider if the value is outside."""
-    noise, value = state.start.r, getattr(state.tuning, name)
+    return exponents_around(state.start.r, DECADES[name], [getattr(state.tuning, name) or 0.0])
+
+
+def exponents_around(
+    noise: float, ends: tuple[int, int], values: Iterable[float], slack: float = 0.0
+) -> tuple[int, int]:
+    """Exponents `ends` decades around a variance, and wider where values lie outside by `slack`."""
     centre = round(math.log10(noise)) if noise > 0.0 else 0
-    low, high = (centre + end for end in DECADES[name])
-    if value:
-        low, high = min(low, math.floor(math.log10(value))), max(high, math.ceil(math.log10(value)))
+    low, high = (centre + end for end in ends)
+    for exponent in (math.log10(value) for value in values if value > 0.0):
+        low, high = min(low, math.floor(exponent + slack)), max(high, math.ceil(exponent - slack))
     return max(low, -300), min(high, 300)
 
 
 @requested
-def set_exponent(state: State, name: str, exponent: float) -> State:
-    """A slider was moved: q, r or p0 becomes 10^exponent; moving p0 means a start by value."""
-    if not math.isfinite(exponent):
+def set_slider(state: State, name: str, position: float) -> State:
+    """A slider was moved: q, r or p0 becomes 10^position; moving p0 means a start by value.
+
+    The fast factor too; one speed at its low end. The slider of the momentum counts as `momentum_at` does.
+    """
+    if not math.isfinite(position):
         return state
-    low, high = slider_limits(state, name)
-    return _by_hand(state, name, _rounded(10.0 ** min(max(exponent, low), high)))
+    if name == "momentum":
+        value = momentum_at(position)
+    else:
+        low, high = (0.0, math.log10(MAX_FAST)) if name == "fast" else slider_limits(state, name)
+        value = _rounded(10.0 ** min(max(position, low), high))
+        value = None if name == "fast" and value <= 1.0 else value
+    return state if value == getattr(state.tuning, name) else _by_hand(state, name, value)
 
 
 @requested
@@ -127,15 +142,6 @@ def _by_hand(state: State, name: str, value: float | None) -> State:
     if name == "fast":
         more = {"momentum": 0.0, "gate": None} if value else {"spikes": 0.0}
     return state.with_tuning(**{**more, name: value}, how=how)
-
-
-@requested
-def set_fast_position(state: State, position: float) -> State:
-    """The slider of the fast factor was moved: it becomes 10^position; one speed at its low end."""
-    if not math.isfinite(position):
-        return state
-    fast = _rounded(10.0 ** min(max(position, 0.0), math.log10(MAX_FAST)))
-    return state if fast == state.tuning.fast else _by_hand(state, "fast", fast if fast > 1.0 else None)
 
 
 def reset_parameters(state: State) -> State:
@@ -198,13 +204,6 @@ def momentum_at(position: float) -> float:
     """The momentum in samples at a position of the slider, to three digits; exactly 0 at its low end."""
     held = min(max(position, 0.0), MAX_POSITION)
     return min(float(f"{math.expm1(held * math.log(10.0)):.2e}"), MAX_MOMENTUM)
-
-
-@requested
-def set_momentum_position(state: State, position: float) -> State:
-    """The slider was moved."""
-    momentum = momentum_at(position) if math.isfinite(position) else state.tuning.momentum
-    return state if momentum == state.tuning.momentum else _by_hand(state, "momentum", momentum)
 
 
 def typed_momentum(text: str, period: float | None) -> float:
@@ -353,24 +352,11 @@ def apply_estimate(state: State, recording: Recording, sensors: tuple[str, ...],
     """A search has ended: its filter is on screen, if it found one and the recording still is."""
     if found.params is None:
         raise BadSetting(found.message)
-    return apply_fusion(recording, sensors, found.params, "maximum likelihood", found)(state)
-
-
-@requested
-def apply_fusion(
-    state: State,
-    recording: Recording,
-    sensors: tuple[str, ...],
-    params: FilterParams,
-    how: str,
-    estimate: Estimate | None = None,
-) -> State:
-    """Sensors are fused: their filter is on screen, if their recording still is."""
     if not state.continues(recording):
         return replace(state, note=f"The sensors were fused {TOO_LATE}")
     unit = recording.units[recording.index(sensors[0])]
-    tuning = ChannelTuning.of_params(name_of_fused(recording), unit, params, how, sensors)
-    return state.with_fusion(Fusion(tuning, tuning, estimate=estimate)).with_reset_view()
+    tuning = ChannelTuning.of_params(name_of_fused(recording), unit, found.params, "maximum likelihood", sensors)
+    return state.with_fusion(Fusion(tuning, tuning, estimate=found)).with_reset_view()
 
 
 def stop_fusing(state: State) -> State:
@@ -587,9 +573,6 @@ def _rounded(value: float) -> float:
 ENDING = ".toml"
 """What the name of a tuning file ends with; every other file is a recording."""
 
-MAX_BYTES = 1_000_000
-"""Bytes of an uploaded tuning file, at most; one of a thousand channels has 200 kB."""
-
 
 def uploaded_settings(name: str, content: bytes) -> Tuning:
     """What an uploaded tuning file holds.
@@ -597,12 +580,8 @@ def uploaded_settings(name: str, content: bytes) -> Tuning:
     Raises:
         BadFile: it is not a tuning file.
     """
-    if len(content) > MAX_BYTES:
-        raise BadFile(f"{name!r} must be a tuning file of at most 1 MB (got {len(content)} bytes)")
     try:
-        return loads(content.decode("utf-8-sig"))
-    except UnicodeDecodeError:
-        raise BadFile(f"{name!r} must be a tuning file in UTF-8 (got other bytes)") from None
+        return loads(text_of(content))
     except BadFile as error:
         raise BadFile(f"{name!r}: {error}") from None
 
@@ -669,14 +648,6 @@ def opened_live(board: LiveSource, title: str, before: State | None = None, tuni
     return replace(opening.opened(waiting, before), note="", live=live)
 
 
-def when_settled(state: State, change: Change) -> State:
-    """Make a change of the command line as soon as the channels of a board are known; at once where they are."""
-    live = state.live
-    if live is None or live.settled:
-        return change(state)
-    return state.with_live(deferred=(*live.deferred, change))
-
-
 def _apply_deferred(state: State) -> State:
     """The state with what the command line asked for; the note says what could not be applied."""
     live, notes = state.live, list[str]()
@@ -740,11 +711,9 @@ def without_samples(state: State) -> State:
 
 def with_current_samples(kept: State, present: State) -> State:
     """A state from the history with the samples on screen, if it is the same board."""
-    if kept.live is None or present.live is None or present.live.board is not kept.live.board:
-        return kept
-    if tuple(tuning.name for tuning in kept.tunings) != present.recording.names:
-        return kept
-    return replace(kept, recording=present.recording, live=present.live)
+    same = kept.live and present.live and present.live.board is kept.live.board
+    same = same and tuple(tuning.name for tuning in kept.tunings) == present.recording.names
+    return replace(kept, recording=present.recording, live=present.live) if same else kept
 
 
 def studied(state: State) -> State:
@@ -844,7 +813,7 @@ class ShareLine:
 
 
 def share_line(state: State) -> ShareLine:
-    """The command that reopens what is on screen."""
+    """The command that reopens what is on screen: q and r always, the rest where it was changed."""
     recording, remarks = state.recording, list[str]()
     source = f"./{recording.source}" if recording.source.startswith("-") else recording.source
     if not source.isprintable() or not source:
@@ -860,22 +829,16 @@ def share_line(state: State) -> ShareLine:
     elif state.tuning.paper is not None:
         remarks.append("The Khan et al. filter reopens as its experiment has it.")
     else:
-        words += setting_words(state)
+        tuning, start = state.tuning, state.start
+        words += [*option("q", repr(tuning.q)), *option("r", repr(tuning.r))]
+        for name in ("momentum", "fast", "spikes", "p0", "x0", "gate"):
+            value = getattr(tuning, name)
+            if value != getattr(start, name) and (name != "x0" or tuning.p0 is not None):
+                words += option(name, AUTOMATIC[name] if value is None else repr(value))
+        words += [] if tuning.chain is None else option("chain", chain_text(tuning.chain))
     if len(recording.names) > 1:
         remarks.append("The other channels open at their starting values; the tuning file above keeps them all.")
     return ShareLine(command_line(words), tuple(remarks))
-
-
-def setting_words(state: State) -> list[str]:
-    """Q and r always, the rest where it differs from the starting values."""
-    tuning, start = state.tuning, state.start
-    words = [*option("q", repr(tuning.q)), *option("r", repr(tuning.r))]
-    by_value = tuning.p0 is not None
-    for name in ("momentum", "fast", "spikes", "p0", "x0", "gate"):
-        value = getattr(tuning, name)
-        if value != getattr(start, name) and (name != "x0" or by_value):
-            words += option(name, AUTOMATIC[name] if value is None else repr(value))
-    return words if tuning.chain is None else [*words, *option("chain", chain_text(tuning.chain))]
 
 
 def apply_options(state: State, channel: str | None, chain: str | None = None, **given: str) -> State:
@@ -895,6 +858,8 @@ def apply_options(state: State, channel: str | None, chain: str | None = None, *
             state = select_channel(channel_named(state.recording, channel))(state)
         return state.with_tuning(**values, paper=None, how="command line") if values else state
 
-    if values and state.live is not None and not state.live.settled:
-        state.with_tuning(**values)  # refuses now what no channel could have
-    return state if channel is None and not values else when_settled(state, change)
+    live = state.live
+    if live is None or live.settled or (channel is None and not values):
+        return change(state)
+    state.with_tuning(**values)  # refuses now what no channel could have
+    return state.with_live(deferred=(*live.deferred, change))  # until the channels of the board are known

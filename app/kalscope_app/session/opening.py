@@ -176,11 +176,8 @@ def opened_experiment(name: str, before: State | None = None) -> State:
 
     recording, filters = open_experiment(name)
     state = opened(recording, before, tuple(first_answer(recording, name) for name in recording.names))
-    chosen = (filters[name] for name in recording.names)
-    firsts = tuple(
-        replace(first, before=_tuning_of(first.before, one), after=None)
-        for first, one in zip(state.firsts, chosen, strict=True)
-    )
+    each = zip(state.firsts, filters.values(), strict=True)  # both in the order of the channels
+    firsts = tuple(replace(first, before=_tuning_of(first.before, one), after=None) for first, one in each)
     return replace(state, firsts=firsts, tunings=tuple(one.before for one in firsts), note="")
 
 
@@ -209,10 +206,8 @@ def timed(recording: Recording, sample_period: float) -> Recording:
     """A recording whose samples are taken to be `sample_period` s apart, > 0; its time stamps are kept."""
     check_sample_period(sample_period)
     timing = recording.report.timing or Timing("none", "none", None)
-    timing = replace(
-        timing, period=sample_period, source="option", summary=f"{sample_rate(sample_period)} as typed"
-    )
-    stamped = timing.stamps != "none"
-    time = recording.time if stamped else np.arange(len(recording)) * sample_period
+    time = np.arange(len(recording)) * sample_period if timing.stamps == "none" else recording.time
+    summary = f"{sample_rate(sample_period)} as typed"
+    timing = replace(timing, period=sample_period, source="option", summary=summary)
     report = replace(recording.report, timing=timing)
     return replace(recording, time=time, sample_period=sample_period, report=report)

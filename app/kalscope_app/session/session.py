@@ -51,7 +51,9 @@ def record(history: History, before: State, after: State, key: str, now: float) 
     if key and key == history.key and (key.startswith(HELD) or now - history.time < SAME_GESTURE):
         return replace(history, future=(), time=now)
     kept = before if before.fleet is None else replace(before, fleet=None)  # the present one stays, see `_seen_as`
-    return History(_within_limits((*history.past, kept)), (), key, now)
+    past = (*history.past, kept)
+    newest = list(dict.fromkeys(state.record_key for state in reversed(past)))[:RECORDINGS]
+    return History(tuple(state for state in past[-LIMIT:] if state.record_key in newest), (), key, now)
 
 
 def _tuned(state: State) -> tuple[object, ...]:
@@ -79,12 +81,6 @@ def _seen_as(present: State, other: State) -> State:
     # What a board has taken stays taken, and what it measured stays measured.
     stays = {name: getattr(present, name) for name in ("sent", "calibration", "fleet")}
     return replace(now, view=view, live=live, note="", **stays)
-
-
-def _within_limits(past: tuple[State, ...]) -> tuple[State, ...]:
-    keys = dict.fromkeys(state.record_key for state in reversed(past))
-    newest = list(keys)[:RECORDINGS]
-    return tuple(state for state in past[-LIMIT:] if state.record_key in newest)
 
 
 # The session: the present State, its history, and the requests that wait for the engine. No viser here.

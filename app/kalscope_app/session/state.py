@@ -201,26 +201,6 @@ LINKS: tuple[str, ...] = (UNLINKED, SAME_NUMBERS, SAME_LAG)
 temperature share at most the lag: then q, r and p0 are scaled by each channel's own noise. Momentum, a number of
 samples, is the same for all."""
 
-Tunings = tuple[ChannelTuning, ...]
-
-
-def apply_to_linked(tunings: Tunings, starts: Tunings, leader: int, link: str) -> Tunings:
-    """All tunings once the others follow the leading one; unchanged where each is tuned alone.
-
-    Args:
-        tunings: of all channels.
-        starts: what they began with; their r is each channel's own noise.
-        leader: index of the channel that was changed.
-        link: one of LINKS.
-    """
-    if link == UNLINKED:
-        return tunings
-    by_noise = link == SAME_LAG and starts[leader].r > 0.0
-    return tuple(
-        own if i == leader else scaled_copy(tunings[leader], own, start.r / starts[leader].r if by_noise else 1.0)
-        for i, (own, start) in enumerate(zip(tunings, starts, strict=True))
-    )
-
 
 def scaled_copy(leader: ChannelTuning, own: ChannelTuning, factor: float) -> ChannelTuning:
     """Another channel's setting, its variances `factor` times as large.
@@ -532,9 +512,9 @@ class State:
         return choice if choice in self.recording.names and self.fusion is None else None
 
     @property
-    def first(self) -> Outcome | None:
-        """The first answer of the channel on screen; None where that is not known."""
-        return next((one for one in self.firsts if one.before.name == self.channel), None)
+    def first(self) -> Outcome:
+        """The first answer of the channel on screen."""
+        return self.firsts[self.index]
 
     @property
     def outcome(self) -> Outcome | None:
@@ -584,9 +564,13 @@ class State:
         """The state with other parameters for one channel, by its index; linked channels follow."""
         before, names = self.tunings[at], ("q", "r", "momentum", "fast", "spikes", "chain", "paper")
         same = all(getattr(before, name) == getattr(tuning, name) for name in names)
-        tunings = (*self.tunings[:at], tuning, *self.tunings[at + 1 :])
-        tunings = apply_to_linked(tunings, self.starts, at, self.link)
-        return replace(self, tunings=tunings, searched=self.searched if same else None, note="")
+        tunings = list(self.tunings)
+        if self.link != UNLINKED:
+            noise = self.starts[at].r if self.link == SAME_LAG else 0.0
+            factors = (start.r / noise if noise > 0.0 else 1.0 for start in self.starts)
+            tunings = [scaled_copy(tuning, own, factor) for own, factor in zip(tunings, factors, strict=True)]
+        tunings[at] = tuning
+        return replace(self, tunings=tuple(tunings), searched=self.searched if same else None, note="")
 
     def require_one_channel(self) -> None:
         """BadSetting where fused sensors are on screen: what is asked for is done on one channel."""

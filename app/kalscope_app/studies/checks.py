@@ -43,11 +43,10 @@ def still_stretch(state: State, kept: Cache[Stretch]) -> Stretch:
 
 def two_speeds_in(state: State, kept: Cache[TwoSpeeds | None]) -> TwoSpeeds | None:
     """Two speeds of the channel on screen where they are clear; None otherwise, and of a live record."""
-    first = state.first
-    if state.live is not None or first is None:
+    if state.live is not None:
         return None
-    steps, scope = np.empty(0) if state.dt is None else state.dt, (state.recording, state.channel, first.estimate)
-    return kept.once(lambda: clear_two_speeds(first.estimate, state.z, steps), *scope)
+    steps, first = np.empty(0) if state.dt is None else state.dt, state.first.estimate
+    return kept.once(lambda: clear_two_speeds(first, state.z, steps), state.recording, state.channel, first)
 
 
 # Whether the live board computes what the screen shows: an idle-time computation.
@@ -144,7 +143,9 @@ def compute_spectra(state: State) -> Spectra | None:
         return None
     period = state.recording.sample_period
     found = spectrum(state.z, state.params, state.dt, period)
-    frequency, *densities = log_binned(found.frequency, [found.raw, found.filtered, found.residual], BINS)
+    frequency, raw, filtered, residual = log_binned(
+        found.frequency, [found.raw, found.filtered, found.residual], BINS
+    )
     fine = np.empty(0)
     if found.samples:  # those of the record, and from half the cut-off on where that lies a little below them
         low, high = float(found.frequency[0]), float(found.frequency[-1])
@@ -153,7 +154,6 @@ def compute_spectra(state: State) -> Spectra | None:
         fine = np.union1d(fine, found.cutoff) if low < found.cutoff < high else fine
     response = magnitude_response(state.params, fine * (period or 1.0))
     decibel = 20.0 * np.log10(np.maximum(response, 1e-20))
-    raw, filtered, residual = densities
     return Spectra(state, found, frequency, (raw, filtered, residual), fine, decibel)
 
 
@@ -250,7 +250,7 @@ def _of_filter(
         still=still(state) if needs_noise(estimate) else None,
         unit=state.recording.units[state.index],
     )
-    best = None if request is not None and request.goal else state.first and state.first.estimate
+    best = None if request is not None and request.goal else state.first.estimate
     if best is None:
         return one
     return with_momentum(one, float(best.momentum), momentum_gain(state.z, state.dt, state.params, best))

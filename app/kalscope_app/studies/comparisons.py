@@ -84,7 +84,7 @@ def _compare(state: State, window: tuple[int, int]) -> Comparison:
         dt=state.dt,
         truth=None if truth is None else truth[:, state.index],
         window=window,
-        model=None if state.first is None or state.first.estimate is None else state.first.estimate.params,
+        model=state.first.estimate and state.first.estimate.params,
     )
 
 

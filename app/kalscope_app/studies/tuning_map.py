@@ -17,6 +17,7 @@ from kalscope.estimation.momentum import likelihood_profile
 from kalscope.estimation.result import Estimate
 from kalscope.filtering.steady import ratio_for
 from kalscope_app.engine.filter_runs import Cache
+from kalscope_app.session.changes import exponents_around
 from kalscope_app.session.state import OpenFleet, State
 
 if TYPE_CHECKING:
@@ -184,8 +185,8 @@ def fleet_layer(open_fleet: OpenFleet, q: Range, r: Range) -> FleetLayer:
 TUNING_MAP_CELLS = 200
 """Cells along each side of the map."""
 
-TUNING_MAP_REACH = {"q": (-6, 2), "r": (-4, 2)}
-"""Decades around the starting r of the channel that the map shows at least."""
+TUNING_MAP_REACH = (-6, 2), (-4, 2)
+"""Decades of q and of r around the starting r of the channel that the map shows at least."""
 
 
 LN10 = math.log(10.0)
@@ -268,20 +269,13 @@ def scan_recording(state: State) -> Scan:
 
 def frame_of(state: State, scan: Scan) -> MapFrame:
     """Exponents at the edges: around the signal's own noise, wider for the present, best and pinned pairs."""
-    centre = round(math.log10(state.start.r)) if state.start.r > 0.0 else 0
     pairs = [(state.tuning.q, state.tuning.r), (float(scan.best.q), float(scan.best.r))]
     pairs += [(v.tuning.q, v.tuning.r) for v in state.variants]
     pairs += () if state.fleet is None else state.fleet.corners
-
-    def reach(name: str, values: list[float]) -> Range:
-        low, high = (centre + end for end in TUNING_MAP_REACH[name])
-        for exponent in (math.log10(value) for value in values if value > 0.0):
-            # A point that was dragged to the edge is rounded there and must not widen the map.
-            low, high = min(low, math.floor(exponent + 0.01)), max(high, math.ceil(exponent - 0.01))
-        return max(low, -300), min(high, 300)
-
-    q, r = zip(*pairs, strict=True)
-    return MapFrame(reach("q", list(q)), reach("r", list(r)), scan.momentum)
+    # A point that was dragged to the edge is rounded there and must not widen the map.
+    each = zip(TUNING_MAP_REACH, zip(*pairs, strict=True), strict=True)
+    q, r = (exponents_around(state.start.r, ends, values, slack=0.01) for ends, values in each)
+    return MapFrame(q, r, scan.momentum)
 
 
 def exponents_of(q: float, r: float) -> Point:

@@ -158,12 +158,12 @@ def method_of(state: State) -> SearchMethod:
 
 def costs_of(state: State) -> tuple[Cost, ...]:
     """What each lag costs on the channel on screen; () where that is not known."""
-    return () if state.first is None else state.first.costs
+    return state.first.costs
 
 
 def settings_of(state: State) -> dict[str, Cost]:
     """The three settings by name, where the signal shows hardly any noise; else none."""
-    request = state.first and state.first.request
+    request = state.first.request
     hardly = request is not None and request.setting in SETTINGS and state.tuning.fast is None
     return {one.name: one for one in costs_of(state) if one.name and hardly}
 

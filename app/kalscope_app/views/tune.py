@@ -80,13 +80,9 @@ class ParametersView:
         return NumberWithSlider(gui, session, label, box, lambda at: self._moved(name, at))
 
     def _moved(self, name: str, position: float) -> Change:
-        if name == "momentum":
-            return changes.set_momentum_position(position)
-        if name == "fast":
-            return changes.set_fast_position(position)
         if name == "p0" and position > self._rows[name].slider.max - 0.5:
             return changes.set_text(name, AUTOMATIC)
-        return changes.set_exponent(name, position)
+        return changes.set_slider(name, position)
 
     def show(self, frame: Frame) -> None:
         """Set every row to the frame's values, except those that have changed since."""

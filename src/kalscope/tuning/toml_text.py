@@ -102,6 +102,11 @@ def read_text(path: str | os.PathLike[str]) -> str:
             data = file.read(MAX_BYTES + 1)
     except (OSError, ValueError) as error:  # ValueError: a NUL in the name
         raise BadFile(f"cannot read the tuning file: {reason_of(error)}") from None
+    return text_of(data)
+
+
+def text_of(data: bytes) -> str:
+    """The text in the bytes of a tuning file; BadFile where it is too long or binary."""
     if len(data) > MAX_BYTES:
         raise BadFile(f"a tuning file must hold at most {MAX_BYTES} bytes (got more)")
     try:

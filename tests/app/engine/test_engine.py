@@ -18,7 +18,7 @@ from kalscope import FilterParams, Recording, diagnose, kalman_filter, steady_st
 from kalscope_app.engine.engine import DELAYS, Engine, Part, Schedule, Studies, Study, is_move
 from kalscope_app.engine.filter_runs import MAX_POINTS, choose_samples
 from kalscope_app.engine.frame import compute_frame, samples_to_settle
-from kalscope_app.session.changes import pin_present, select_channel, set_exponent, set_text, set_window
+from kalscope_app.session.changes import pin_present, select_channel, set_slider, set_text, set_window
 from kalscope_app.session.opening import opened
 from kalscope_app.session.session import Session
 
@@ -39,7 +39,7 @@ def test_while_requests_keep_coming_every_part_is_drawn_and_the_last_value_is_fi
     often, moves = (Part.SIGNAL, Part.NUMBERS, Part.CHARTS, Part.OTHER), count()
 
     def moved_until_each_was_drawn():
-        session.request(set_exponent("q", -3.0 + 0.01 * (next(moves) % 400)), key="slider q")
+        session.request(set_slider("q", -3.0 + 0.01 * (next(moves) % 400)), key="slider q")
         return all(len(drawn[part]) >= 4 for part in often)
 
     wait_until(moved_until_each_was_drawn, "four pictures of each part", pause=0.001)
@@ -91,7 +91,7 @@ def test_every_part_shows_the_last_frame_soon_and_none_is_starved(gaps):
 def test_a_move_changes_values_only():
     z = np.random.default_rng(0).normal(size=(300, 2))
     state = opened(Recording(np.arange(300.0), ("a", "b"), ("", ""), z, 1.0))
-    for move in lambda state: state, set_exponent("q", 1.0), set_text("p0", "4"):
+    for move in lambda state: state, set_slider("q", 1.0), set_text("p0", "4"):
         assert is_move(state, move(state))
     for change in (
         set_window(10.0, 20.0),

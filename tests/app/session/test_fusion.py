@@ -9,13 +9,14 @@ import pytest
 from tests.app.recordings import Board, walk
 
 from kalscope import BadSetting, load_tuning, save_tuning
+from kalscope.estimation.result import Estimate
 from kalscope.filtering.filter import GrowingRun, fuse
 from kalscope.filtering.params import FilterParams
 from kalscope.tuning.tuning import ChannelTuning
 from kalscope_app.engine.filter_runs import FilterRuns
 from kalscope_app.engine.frame import compute_frame
 from kalscope_app.session import changes
-from kalscope_app.session.changes import apply_fusion, select_channel, set_taking_part, set_text, stop_fusing
+from kalscope_app.session.changes import apply_estimate, select_channel, set_taking_part, set_text, stop_fusing
 from kalscope_app.session.opening import adapted, opened, opened_raw
 from kalscope_app.session.session import Session, redo, undo
 from kalscope_app.session.state import SAME_NUMBERS
@@ -31,10 +32,13 @@ def params():
     return FilterParams(0.01, [1.0, 0.25, 4.0], gate=16.0, offset=[0.0, 0.5, -0.5])
 
 
+FOUND = Estimate(q=0.01, r=params().r, loglik=0.0, verdict="ok", message="", params=params())
+
+
 @pytest.fixture
 def state():
     rec = recording()
-    return apply_fusion(rec, SENSORS, params(), "maximum likelihood")(opened(rec))
+    return apply_estimate(rec, SENSORS, FOUND)(opened(rec))
 
 
 def test_one_sensor_and_sensors_of_two_units_are_refused(state):
@@ -79,7 +83,7 @@ def test_noise_and_offset_of_a_sensor_are_typed(state):
 
 def test_q_momentum_and_gate_are_those_of_the_fused_filter_while_it_is_on_screen(state):
     before = state.tunings
-    tuned = set_text("momentum", "20")(changes.set_exponent("q", -1.0)(state))
+    tuned = set_text("momentum", "20")(changes.set_slider("q", -1.0)(state))
     assert (tuned.fusion.used.params.q, tuned.fusion.used.params.momentum) == (0.1, 20.0)
     assert tuned.tunings == before
     assert set_text("gate", "off")(tuned).fusion.used.params.gate is None
@@ -91,7 +95,7 @@ def test_q_momentum_and_gate_are_those_of_the_fused_filter_while_it_is_on_screen
 
 
 def test_each_gesture_is_undone_and_done_again(state):
-    fuse_again = apply_fusion(state.recording, SENSORS, params(), "maximum likelihood")
+    fuse_again = apply_estimate(state.recording, SENSORS, FOUND)
     drop, noise = set_taking_part("a", False), changes.set_sensor_text("b", "r", "0.1")
     session = Session(opened(state.recording))
     seen = [session.apply_requests()[0]]
@@ -120,7 +124,7 @@ def test_a_recording_of_the_same_sensors_stays_fused_and_another_one_not(state):
     assert opened(recording(n=300), state).fusion == state.fusion
     other = opened(recording(("a", "b"), ("mm", "mm")), state)
     assert (other.fusion, other.fused, other.shows_fused) == (None, None, False)
-    late = apply_fusion(state.recording, SENSORS, params(), "")(other)
+    late = apply_estimate(state.recording, SENSORS, FOUND)(other)
     assert (late.settings, "another recording" in late.note) == (other.settings, True)
 
 
@@ -129,7 +133,7 @@ def test_of_a_live_record_only_new_rows_are_fused_and_the_line_is_that_of_all(mo
     extend = GrowingRun.extend
     monkeypatch.setattr(GrowingRun, "extend", lambda self, z: (taken.append(len(z)), extend(self, z))[1])
     state = changes.refreshed(changes.opened_live(board.id, "x"), board.send(500).snapshot())
-    state = apply_fusion(state.recording, SENSORS, params(), "")(state)
+    state = apply_estimate(state.recording, SENSORS, FOUND)(state)
     for sent, first in ((0, 0), (20, 0), (7, 100), (0, 100)):
         board.first = first
         state = changes.refreshed(state, board.send(sent, seed=9).snapshot())

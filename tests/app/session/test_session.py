@@ -17,7 +17,7 @@ from kalscope.filtering.params import MAX_MOMENTUM
 from kalscope.sources.samples import list_samples
 from kalscope.tuning.file import dumps
 from kalscope_app.session import changes
-from kalscope_app.session.changes import reset_parameters, select_channel, set_exponent, set_text
+from kalscope_app.session.changes import reset_parameters, select_channel, set_slider, set_text
 from kalscope_app.session.opening import later_answers, opened, opened_raw, with_firsts
 from kalscope_app.session.session import HELD, LIMIT, Failed, History, Session, record, redo, step, undo
 from kalscope_app.session.state import View
@@ -68,8 +68,8 @@ def test_a_slider_follows_the_scale_of_the_data_sets_three_digits_and_is_clamped
         assert abs((low + high) / 2 - math.log10(scale**2)) < 4
         place = low + 0.77
         for exponent, value in (99.0, 10.0**high), (-99.0, 10.0**low), (place, float(f"{10**place:.2e}")):
-            assert getattr(set_exponent(name, exponent)(state).tuning, name) == pytest.approx(value, rel=1e-12)
-    assert set_exponent("q", math.nan)(state) is state
+            assert getattr(set_slider(name, exponent)(state).tuning, name) == pytest.approx(value, rel=1e-12)
+    assert set_slider("q", math.nan)(state) is state
 
 
 def test_typed_text_is_taken_exactly_or_refused_with_its_name(state):
@@ -109,7 +109,7 @@ def test_requests_are_applied_in_order_of_those_with_one_key_only_the_last_and_o
 
 def test_only_q_and_r_by_hand_end_how_they_were_found(state):
     found = state.with_tuning(how="maximum likelihood")
-    for change in (set_text("gate", "9"), set_text("p0", "1"), set_exponent("p0", 0.0)):
+    for change in (set_text("gate", "9"), set_text("p0", "1"), set_slider("p0", 0.0)):
         assert change(found).tuning.how == "maximum likelihood"
     assert set_text("q", "1")(found).tuning.how == "by hand"
     assert reset_parameters(set_text("gate", "9")(found)).tuning.gate is None
@@ -163,7 +163,7 @@ def test_undo_and_redo_leave_the_view_as_it_is_but_show_another_channel_from_its
 def test_at_least_a_hundred_gestures_are_kept_but_few_recordings(state):
     history, present = History(), state
     for i in range(500):
-        after = set_exponent("q", -3 + i / 200)(present)
+        after = set_slider("q", -3 + i / 200)(present)
         history, present = record(history, present, after, "", float(i)), after
     assert 100 <= len(history.past) <= LIMIT
     for _ in range(10):
@@ -197,7 +197,7 @@ def test_the_slider_stays_where_it_was_put(position):
 
 def test_the_ends_of_the_slider_are_off_and_the_longest_whatever_a_browser_sends(state):
     for position, expected in (-1e300, 0.0), (0.0, 0.0), (1e300, MAX_MOMENTUM), (math.nan, 7.0):
-        assert changes.set_momentum_position(position)(with_momentum(state, 7.0)).tuning.momentum == expected
+        assert changes.set_slider("momentum", position)(with_momentum(state, 7.0)).tuning.momentum == expected
 
 
 def test_a_momentum_is_typed_in_samples_or_as_a_time_or_refused_by_its_name(state):

@@ -11,12 +11,13 @@ import pytest
 
 from kalscope import BadSetting, FilterParams, Recording
 from kalscope.errors import BadDevice
+from kalscope.estimation.result import Estimate
 from kalscope.export.board import momentum_on_board
 from kalscope.export.float32 import Float32Params, filter_float32
 from kalscope.filtering.classic import Chain, Exponential
 from kalscope.sources.live.samples import Snapshot
 from kalscope_app.live import BoardConnection, send_setting
-from kalscope_app.session.changes import apply_fusion
+from kalscope_app.session.changes import apply_estimate
 from kalscope_app.session.opening import opened
 from kalscope_app.session.session import Session
 from kalscope_app.session.state import Live, Sent, State
@@ -62,7 +63,9 @@ def state() -> State:
 def test_fused_sensors_cannot_be_sent_to_a_running_board_and_the_folder_says_so(state):
     readings = np.column_stack([state.z, state.z + 1.0])
     recording = Recording(state.recording.time, ("a", "b"), ("", ""), readings, 0.005)
-    fused = apply_fusion(recording, ("a", "b"), FilterParams(1.0, np.ones(2)), "by hand")(opened(recording))
+    params = FilterParams(1.0, np.ones(2))
+    found = Estimate(q=1.0, r=params.r, loglik=0.0, verdict="ok", message="", params=params)
+    fused = apply_estimate(recording, ("a", "b"), found)(opened(recording))
     fused = replace(fused, live=state.live)
     with pytest.raises(BadSetting, match="sketch of fused sensors takes no values while it runs: export it again"):
         send_setting(fused, None)

@@ -94,7 +94,7 @@ def state():
 
 def test_tuned_together_every_change_sets_all_channels_or_their_lag_at_any_scale(state):
     more = set_text("momentum", "12"), changes.reset_parameters
-    for change in (set_text("q", "0.3"), changes.set_exponent("r", 1.0), *more):
+    for change in (set_text("q", "0.3"), changes.set_slider("r", 1.0), *more):
         together = change(set_link(SAME_NUMBERS)(set_text("q", "0.1")(state)))
         assert len({tuning.params for tuning in together.tunings}) == 1
         alone = change(set_text("q", "0.1")(state))

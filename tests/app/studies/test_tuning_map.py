@@ -13,7 +13,7 @@ import pytest
 from kalscope import FilterParams, Recording, estimate, steady_state
 from kalscope.estimation.likelihood import log_likelihood
 from kalscope_app.engine.filter_runs import Cache
-from kalscope_app.session.changes import set_exponent, set_point, set_text, set_window
+from kalscope_app.session.changes import set_point, set_slider, set_text, set_window
 from kalscope_app.session.opening import opened
 from kalscope_app.studies.tuning_map import TUNING_MAP_CELLS, MapFrame, cell_exponents, compute_map, lag_lines
 
@@ -28,7 +28,7 @@ def walk(n=5000, q=0.02, r=1.0, seed=0, scale=1.0, period=0.01):
 def test_moving_q_r_or_the_window_gives_the_same_map_without_work_and_a_point_outside_a_wider_one():
     make, state = partial(compute_map, kept=Cache()), opened(walk())
     shown = make(state)
-    for change in (set_exponent("q", -1.0), set_exponent("r", 0.5), set_window(1.0, 5.0), set_point(-2.0, 0.2)):
+    for change in (set_slider("q", -1.0), set_slider("r", 0.5), set_window(1.0, 5.0), set_point(-2.0, 0.2)):
         state = change(state)
         assert make(state) is shown
     assert make(state.with_view(dark=True)) is shown
