@@ -187,8 +187,8 @@ LOGS = {
         json.dumps({"results": [{"id": 0, "series": [{"columns": ["time", "a"], "values": list(enumerate(A))}]}]})),
     "JSON: lists": log("1 s, value 1 = A", json.dumps([[1709630000000 + 1000 * i, a] for i, a in enumerate(A)])),
     "objects on lines": log("1 s, v = A", lambda i: f'{{\n  "t": {1710664205 + i},\n  "v": {A[i]}\n}}'),
-    "InfluxDB: tags name the series": log("100 s, w bath t = A; w hall t = B; w hall h = A",
-        lambda i: f"w,room=bath t={A[i]} {17096300 + i}00\nw,room=hall t={B[i]},h={A[i]} {17096300 + i}00"),
+    "InfluxDB: tags name the series": log("100 s, w bath t = A; w the hall t = B; w the hall h = A",
+        lambda i: f"w,room=bath t={A[i]} {17096300 + i}00\nw,room=the\\ hall t={B[i]},h={A[i]} {17096300 + i}00"),
     "JSON of InfluxDB": log("10 s, bath = A; hall = B", json.dumps({"series": [{"tags": {"room": room},
         "columns": ["time", "t"], "values": [[1709630000 + 10 * i, x[i]] for i in range(N)]}
         for room, x in (("bath", A), ("hall", B))]})),

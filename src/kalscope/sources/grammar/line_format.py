@@ -95,7 +95,8 @@ _ESPHOME = re.compile(
 )
 """`[D][sensor:094]: 'Barn': Sending state 20.5 °C with 1 decimals of accuracy`, `'Barn' >> 20.5 °C`: ESPHome."""
 _LINE_PROTOCOL = re.compile(
-    r"([^\s=\",]{1,200}(?:,[^\s\"]{1,400})?) ([^\s=,]+=[^\s=,]+(?:,[^\s=,]+=[^\s=,]+){0,63}) ([0-9]{10,19})"
+    r"((?:\\.|[^\s=\",\\]){1,200}(?:,(?:\\.|[^\s\"\\]){1,400})?) ([^\s=,]+=[^\s=,]+(?:,[^\s=,]+=[^\s=,]+){0,63})"
+    r" ([0-9]{10,19})"
 )
 """`weather,loc=us temp=21.5,hum=40i 1709630000000000000`: InfluxDB."""
 SERIES_KEY = "series key"
@@ -223,7 +224,7 @@ def _logged(text: str) -> Pairs | None:
         return [(match[1], match[2])]
     if "=" in text and (match := _LINE_PROTOCOL.fullmatch(text)) is not None:
         fields = (part.partition("=") for part in match[2].split(","))
-        key = " ".join(part.rpartition("=")[2] for part in match[1].split(","))
+        key = " ".join(part.rpartition("=")[2] for part in match[1].replace("\\", "").split(","))
         values = [(name, value.removesuffix("i")) for name, _, value in fields]
         return [(SERIES_KEY, key), ("time", match[3]), *values]
     start = text.find("{", 0, _MAX_PREFIX)
