@@ -116,7 +116,6 @@ def compute_frame(
     board = None if state.board is None else recording.channel(state.board)
     velocity, velocity_spread = _velocity(state, result)
     aside, gated = state.set_aside, state.uses_parameters and state.tuning.gate is not None and not state.fusion
-    refused = was_rejected(result.k, result.p, result.innovation)
     return Frame(
         state=state,
         serial=serial,
@@ -139,7 +138,7 @@ def compute_frame(
         moving=result.moving,
         velocity_spread=velocity_spread,
         set_aside=None if aside is None else np.where(aside[at], drawn.raw, np.nan),
-        refused=np.where(refused, drawn.raw, np.nan) if gated else None,
+        refused=np.where(was_rejected(result.k, result.p, result.innovation), drawn.raw, np.nan) if gated else None,
         variants=runs.variants(state, drawn),
     )
 

@@ -399,8 +399,6 @@ def dashboard_csp(script_hashes: tuple[str, ...], own_origin: str) -> str:
 MAX_CLIENTS = 32
 """Browsers at a time; the next one is refused with a message."""
 
-_HTML = {"Content-Type": "text/html; charset=utf-8"}
-
 
 class RequestFilter:
     """Answers each request instead of viser, or lets viser answer."""
@@ -431,19 +429,19 @@ class RequestFilter:
         except Exception:
             # A check that fails must neither let the request pass nor stop the server (CVE-2026-14631).
             answer = NOT_UNDERSTOOD
+        small = {"Content-Security-Policy": SMALL_PAGE_CSP}
         if isinstance(answer, str):
-            return _small_page(200, link_page(self._policy.home), {"Set-Cookie": answer})
+            return _html(200, link_page(self._policy.home).encode(), small | {"Set-Cookie": answer})
         if self.is_open:  # before that it is the self-test that is refused
             # Without the query: it may hold the token, under a wrong name or path.
             _log.info("refused %r: %s", request.path.partition("?")[0], answer.reason)
-        return _small_page(answer.status, refusal_page(self._policy, answer))
+        return _html(answer.status, refusal_page(self._policy, answer).encode(), small)
 
     def _own_page(self, request: Request) -> Response | None:
         """The page of viser with our script; None for all else."""
         if request.path.partition("?")[0] != "/" or is_upgrade(request):
             return None
-        headers = {**_HTML, "Content-Encoding": "gzip", "Content-Length": str(len(self._page))}
-        return Response(200, "OK", Headers(headers), self._page)
+        return _html(200, self._page, {"Content-Encoding": "gzip"})
 
     def admit(self, handler: Callable[..., Any]) -> Callable[..., Any]:
         """The handler of viser's websockets, for MAX_CLIENTS at a time."""
@@ -490,8 +488,6 @@ def served_page(page_script: str) -> tuple[bytes, tuple[str, ...]]:
     return gzip.compress(page.encode(), 1), inline_script_hashes(page)
 
 
-def _small_page(status: int, page: str, extra_headers: dict[str, str] | None = None) -> Response:
-    body = page.encode()
-    headers = {**_HTML, "Content-Security-Policy": SMALL_PAGE_CSP, "Content-Length": str(len(body))}
-    headers |= extra_headers or {}
+def _html(status: int, body: bytes, more: dict[str, str]) -> Response:
+    headers = {"Content-Type": "text/html; charset=utf-8", "Content-Length": str(len(body)), **more}
     return Response(status, http.HTTPStatus(status).phrase, Headers(headers), body)

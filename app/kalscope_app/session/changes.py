@@ -63,12 +63,10 @@ DECADES = {"q": (-8, 3), "r": (-5, 4), "p0": (-6, 6)}
 
 def slider_limits(state: State, name: str) -> tuple[int, int]:
     """Lowest and highest exponent of a slider: around the signal's own noise, wider if the value is outside."""
-    return exponents_around(state.start.r, DECADES[name], [getattr(state.tuning, name) or 0.0])
+    return exponents_around(state.start.r, DECADES[name], [getattr(state.tuning, name) or 0.0], slack=0.0)
 
 
-def exponents_around(
-    noise: float, ends: tuple[int, int], values: Iterable[float], slack: float = 0.0
-) -> tuple[int, int]:
+def exponents_around(noise: float, ends: tuple[int, int], values: Iterable[float], slack: float) -> tuple[int, int]:
     """Exponents `ends` decades around a variance, and wider where values lie outside by `slack`."""
     centre = round(math.log10(noise)) if noise > 0.0 else 0
     low, high = (centre + end for end in ends)
@@ -168,8 +166,7 @@ def apply_found(state: State, recording: Recording, channel: str, found: FitResu
     by_hand = before not in (state.searched and state.searched.after, *(one.after for one in state.firsts))
     kept = before if by_hand else replace(before, gate=None, p0=None, x0=None)
     values: dict[str, Any] = {name: getattr(params, name) for name in ("q", "r", "momentum", "fast", "spikes")}
-    values |= {"gate": None} if params.fast else {}
-    values |= {} if params.gate is None else {"gate": params.gate}
+    values |= {"gate": params.gate} if params.fast or params.gate is not None else {}
     values |= {} if params.p0 is None else {"p0": params.p0, "x0": params.x0}
     after = replace(kept, **values, how=found.how, chain=found.chain, paper=None)
     searched = replace(outcome, after=after) if channel == state.channel else None
@@ -301,8 +298,8 @@ def channel_named(recording: Recording, text: str) -> str:
 def set_link(state: State, link: str) -> State:
     """Tune this channel alone or all together; all then take the present one's setting at once."""
     _require("the way of tuning channels", link, LINKS)
-    own = state.tunings[state.index]  # not the fused value, which may be on screen
-    return replace(state, link=link).with_tuning_of(state.index, own)
+    # Not those of the fused value, which may be on screen.
+    return replace(state, link=link).with_tuning_of(state.index, state.tunings[state.index])
 
 
 @requested
@@ -743,10 +740,9 @@ def follow(state: State) -> State:
     return state.with_live(following=True, paused=False).with_reset_view(window=None) if state.live else state
 
 
-@requested
-def set_paused(state: State, paused: bool) -> State:
-    """Freeze the screen, or continue; samples arrive in either case."""
-    return state.with_live(paused=bool(paused))
+def pause(state: State) -> State:
+    """The Pause button: freeze the screen, while samples still arrive."""
+    return state.with_live(paused=True)
 
 
 @requested

@@ -182,12 +182,11 @@ def opened_experiment(name: str, before: State | None = None) -> State:
 
 
 def _tuning_of(start: ChannelTuning, chosen: Filter) -> ChannelTuning:
-    """The setting of a figure: its q and r, or its Khan et al. filter; the starting values for any other filter."""
-    if isinstance(chosen, GeneralizedParams):
-        return replace(start, chain=None, paper=chosen)
-    if not isinstance(chosen, StandardFilter):
-        return start
-    return ChannelTuning.of_params(start.name, start.unit, chosen.params, "source document")
+    """The setting of a figure: its q and r, or its Khan et al. filter."""
+    if isinstance(chosen, StandardFilter):
+        return ChannelTuning.of_params(start.name, start.unit, chosen.params, "source document")
+    assert isinstance(chosen, GeneralizedParams)
+    return replace(start, chain=None, paper=chosen)
 
 
 def with_sample_period(state: State, period: float | None) -> State:

@@ -206,8 +206,7 @@ class Session:
             return
         history, kept = step(self._history, present, back=change is undo)
         if history is self._history:
-            note = f"There is nothing to {change.__name__}."
-            self._state = replace(self._state, note=note)
+            self._state = replace(self._state, note=f"There is nothing to {change.__name__}.")
             return
         self._history, self._state = history, with_current_samples(kept, self._state)
         self._refresh()  # a later request of the same turn needs the samples, which the history does not keep

@@ -88,12 +88,10 @@ def judge_sensors(state: State, kept: Cache[Judgement]) -> Judged | None:
         return None
     kept.begin(state.recording, fusion.used.sensors, state.recording.gaps)
     judgement = kept.get(fusion.used.params, lambda: _verdict(state, fusion))
-    half = (judgement.second_half,) if judgement.second_half else ()
-    found = fusion.estimate
-    if found is None:
-        return Judged(judgement, half)
-    message = () if found.verdict == "ok" or fusion.dropped else (found.message,)
-    return Judged(judgement, (*half, *message, *found.notes))
+    notes, found = [judgement.second_half], fusion.estimate
+    if found is not None:
+        notes += ["" if found.verdict == "ok" or fusion.dropped else found.message, *found.notes]
+    return Judged(judgement, tuple(filter(None, notes)))
 
 
 def _verdict(state: State, fusion: Fusion) -> Judgement:

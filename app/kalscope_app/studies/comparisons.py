@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -137,13 +138,12 @@ def compute_overview(state: State, kept: Cache[Any]) -> Overview:
     recording, window = state.recording, state.view.window
     if len(recording.names) < 2:
         return Overview(state, np.empty(0), ())
-    first, *others = recording.names[:MAX_LANES]
+    names = recording.names[:MAX_LANES]
     kept.begin(recording, window)
-    drawn: DrawnSamples = kept.get(
-        None, lambda: choose_samples(recording, first, window, MAX_LANE_POINTS, others=tuple(others))
-    )
+    choose = partial(choose_samples, recording, names[0], window, MAX_LANE_POINTS, others=names[1:])
+    drawn: DrawnSamples = kept.get(None, choose)
     lanes: list[Lane] = []
-    for i, name in enumerate((first, *others)):
+    for i, name in enumerate(names):
         z, used = recording.values[:, i], state.tunings[i].filter
         filtered = kept.get((i, used), lambda z=z, used=used: used.denoise(z, state.dt)[drawn.indices])
         lanes.append(_lane(name, z, drawn.indices, filtered))
@@ -154,8 +154,7 @@ def _lane(name: str, z: Array, at: NDArray[np.intp], filtered: Array) -> Lane:
     raw = z[at]
     seen = raw[np.isfinite(raw)]
     low, high = (float(seen.min()), float(seen.max())) if len(seen) else (float("nan"), float("nan"))
-    middle, half = (0.5 * low + 0.5 * high, 0.5 * high - 0.5 * low) if len(seen) else (0.0, 1.0)
-    half = half if half > 0.0 else 1.0
+    middle, half = (0.5 * low + 0.5 * high, (0.5 * high - 0.5 * low) or 1.0) if len(seen) else (0.0, 1.0)
     missing = int(np.isnan(z).sum())
     return Lane(name, low, high, missing, (raw - middle) / half, np.clip((filtered - middle) / half, -1.0, 1.0))
 

@@ -162,8 +162,7 @@ def fleet_layer(open_fleet: OpenFleet, q: Range, r: Range) -> FleetLayer:
     classes = np.where(np.isnan(growth), len(LOSSES) + 1, np.searchsorted(LOSSES, growth, side="left"))
     sizes = np.bincount(classes, minlength=len(LOSS_WORDS)).tolist()
     shared = fleet.shared
-    ends = None if shared is None else shared.ratio_interval
-    known = ends is not None and 0.0 < ends[0] <= ends[1] < math.inf
+    low, high = (0.0, 0.0) if shared is None else shared.ratio_interval
     return FleetLayer(
         fleet=fleet,
         devices=usable,
@@ -171,7 +170,7 @@ def fleet_layer(open_fleet: OpenFleet, q: Range, r: Range) -> FleetLayer:
         classes=classes,
         words=tuple(f"{word}: {count(size)}" if size else "" for word, size in zip(LOSS_WORDS, sizes, strict=True)),
         shared=None if shared is None else exponents_of(shared.params.q, float(shared.params.r)),
-        ratio_ends=(math.log10(ends[0]), math.log10(ends[1])) if known and ends is not None else None,
+        ratio_ends=(math.log10(low), math.log10(high)) if 0.0 < low <= high < math.inf else None,
     )
 
 

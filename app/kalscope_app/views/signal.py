@@ -59,7 +59,7 @@ class WindowView:
         self._serial = 0
         self._moved_at = -math.inf
         self._scale = Scale(1.0, "s")
-        steps = {"Reset view": changes.reset_view, "Live": changes.follow, "Pause": changes.set_paused(True)}
+        steps = {"Reset view": changes.reset_view, "Live": changes.follow, "Pause": changes.pause}
         on_user(self._range.on_update, lambda _client: self._file())
         on_user(self._zoom.on_update, lambda _client: self._file_zoom())
         for buttons in (self._buttons, self._live):
