@@ -77,8 +77,7 @@ class Headless(logging.Handler):
         state = self._studied
         if state is not None and state is not self.studies._state:
             self.studies._state = state
-            for study in self.studies._studies:
-                self.studies._one(study, state)
+            self.studies._round(state)
 
 
 @contextmanager
