@@ -10,7 +10,7 @@ import pytest
 from tests.app.attack_table import exchange, status
 from tests.app.wire import Guest
 from tests.support.line_sender import line_sender
-from tests.support.program import command, end, free_port, port_of, running, start, token_of
+from tests.support.program import command, end, free_port, port_of, running, token_of
 from tests.support.waiting import PATIENCE
 
 from kalscope.cli.console import user_message
@@ -77,6 +77,7 @@ def test_what_cannot_be_written_is_one_line(tmp_path):
     with line_sender() as url:
         for change, line, reason in (
             (FOLDER_GONE, "tune demo --lag-ms 50 -o out.toml", "must exist"),
+            (FOLDER_GONE, "open demo --no-browser --port 0", "must exist (it was removed or renamed)"),
             (FOLDER_GONE, f"record {url} -o out.csv", "does not exist"),
             ("", "filter demo --q 1 --r 1 -o /dev/full", "/dev/full' cannot be used: the disk"),
             ("", "tune demo --lag-ms 50 -o /proc/none/out", "'/proc/none/out' cannot be used: it or"),
@@ -85,14 +86,6 @@ def test_what_cannot_be_written_is_one_line(tmp_path):
             (tmp_path / "work").mkdir(exist_ok=True)
             status, lines = run_here(tmp_path / "work", change, *line.split())
             assert (status, len(lines), reason in lines[0]) == (2, 1, True), (line, lines)
-
-
-def test_the_dashboard_prints_no_link_in_a_folder_that_is_gone(tmp_path):
-    (work := tmp_path / "work").mkdir()
-    with start(work, "--no-browser", change=f"import shutil; shutil.rmtree('{work}')") as program:
-        out, err = program.communicate(timeout=PATIENCE)
-    assert (program.returncode, out) == (2, "")
-    assert err == "kalscope: the folder in which kalscope was started must exist (it was removed or renamed)\n"
 
 
 def test_memory_that_is_refused_is_no_mistake_of_the_program():

@@ -1,4 +1,4 @@
-"""The real program from outside: its link, its log, its errors, what it refuses to open, and its end."""
+"""The real program from outside: its link, its log, its errors, and its end."""
 
 from __future__ import annotations
 
@@ -15,8 +15,6 @@ from tests.support.program import end, free_port, is_free, labels, link_of, port
 from tests.support.required import needs
 from tests.support.waiting import PATIENCE, wait_until
 
-from kalscope.cli.app import run
-from kalscope_app.main import add_dashboard
 from kalscope_app.session.session import Failed
 from kalscope_app.views.window import MAP_POINTED
 
@@ -190,12 +188,6 @@ def test_a_terminal_that_has_gone_is_no_error(tmp_path):
         assert program.wait(timeout=PATIENCE) == 0
 
 
-# --- what cannot be opened ------------------------------------------------------------------------------
-
-
-add_dashboard()
-
-
 def test_nothing_is_said_at_the_end_after_a_library_counts_what_it_leaves(tmp_path):
     """DuckDB prints a list of its own objects that are left when Python ends; a forked program does not end so."""
     needs("duckdb")
@@ -207,27 +199,6 @@ def test_nothing_is_said_at_the_end_after_a_library_counts_what_it_leaves(tmp_pa
         out, err = program.communicate(timeout=PATIENCE)
     assert (program.returncode, err) == (0, "")
     assert out.startswith("log.parquet: 25 rows, 1 channel")
-
-
-REFUSED = [
-    *(("open nowhere.csv", "nowhere.csv"), ("open sample:nothing", "nothing"), ("opne", "opne")),
-    *(("open --config not.toml", "not.toml"), ("open serial:/dev/ttyACM0@fast", "baud rate must")),
-    *(("open demo --port 99999", "port must"), ("open demo --host 0.0.0.0 --no-browser", "--allow-host")),
-    ("open demo --host no.such.host.invalid", "cannot be used on this machine"),
-    *(("open demo --no-such-option", "--no-such-option"), ("open demo --channel w", "channel must be one of")),
-    *(("open demo --q much", "q must be a number"), ("open demo --x0 3", "x0 needs p0")),
-]
-
-
-@pytest.mark.slow
-def test_what_cannot_be_opened_is_refused_in_one_line(tmp_path, monkeypatch, capsys):
-    (tmp_path / "not.toml").write_text("q = [")
-    monkeypatch.chdir(tmp_path)
-    for line, message in REFUSED:
-        assert run(line.split()) == 2
-        out, err = capsys.readouterr()
-        assert (out, err.startswith("kalscope: "), err.count("\n")) == ("", True, 1)
-        assert message in err
 
 
 def test_without_a_command_the_demo_opens(tmp_path):

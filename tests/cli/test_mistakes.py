@@ -11,6 +11,9 @@ from kalscope.cli.app import run
 from kalscope.papers import reproduction
 from kalscope.tuning.file import save_tuning
 from kalscope.tuning.tuning import ChannelTuning, Tuning
+from kalscope_app.main import add_dashboard
+
+add_dashboard()
 
 FUSION = ChannelTuning("level", "", 0.002, (0.25, 1.0, 4.0), sensors=("a", "b", "c"), offset=(0.3, 0.0, -0.3))
 MISTAKES = [
@@ -86,6 +89,11 @@ MISTAKES = [
     *(("reproduce -o FILE", "must go to a folder"), ("reproduce -o FILE/below", "FILE")),
     ("reproduce -o x --fast", "--fast"),
     *((f"demo-board --socket {port}", "--socket must be a") for port in ("80x", "70000")),
+    *(("open nowhere.csv", "nowhere.csv"), ("open sample:nothing", "nothing"), ("open --config FILE", "FILE")),
+    *(("open demo --port 99999", "port must"), ("open demo --host 0.0.0.0 --no-browser", "--allow-host")),
+    *(("open demo --host a.invalid", "cannot be used on this machine"), ("open demo --nothing", "--nothing")),
+    *(("open demo --channel w", "channel must be one of"), ("open serial:/dev/ttyACM0@fast", "baud rate must")),
+    *(("open demo --q much", "q must be a number"), ("open demo --x0 3", "x0 needs p0")),
     *((f"demo-board --rate {rate}", "--rate must be") for rate in ("fast", "0", "1e9")),
 ]
 
