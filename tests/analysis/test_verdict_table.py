@@ -46,12 +46,10 @@ def tails(seed):
 
 RECORDS = SIGNALS | {
     "half a sine": np.r_[20.0 * np.sin(np.arange(1000) / 10.0), np.zeros(1000)] + white(4000, 5)[2000:],
-    "spikes": with_runs(20.0, 1),
     "pairs": with_runs(20.0, 2),
     "runs": with_runs(20.0, 6),
     "tails": tails(2),
     "burst": louder(700, 730, 9.0),
-    "loud half": louder(N // 2, N, 2.0),
 }
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from types import SimpleNamespace
 from unittest.mock import MagicMock
 
 import numpy as np
@@ -97,35 +96,26 @@ def test_every_recording_can_be_pictured(values):
 
 def test_a_phone_gets_each_frame_and_each_shape_once_and_a_wide_window_nothing(monkeypatch):
     monkeypatch.setattr("kalscope_app.views.phone.draw_picture", lambda frame, shape: (frame, shape))
-    pictures, client, box = PhonePictures(), MagicMock(), SimpleNamespace(value=False)
+    pictures, client = PhonePictures(), MagicMock()
     client.camera.image_width, client.camera.image_height = 390, 844
-    client.gui.add_checkbox.return_value = box
-    box.on_update = lambda report: vars(box).update(report=lambda: report(None))
-    upright, across, drawn = 390 / 844, 844 / 390, client.scene.set_background_image
-
-    def seen():
-        calls, drawn.call_args_list[:] = [call.args[0] for call in drawn.call_args_list], []
-        return calls
-
-    def report(is_phone):  # what the hidden checkbox of the page says
-        box.value = is_phone
-        box.report()
-
+    box = client.gui.add_checkbox.return_value  # by it the page says whether it is on a phone
+    box.value = False
     pictures.attach(client)
+    (report,), (turned,) = box.on_update.call_args.args, client.camera.on_update.call_args.args
     pictures.show("first")
-    assert seen() == []
-    report(True)
+    box.value = True
+    report(None)
     pictures.show("second")
-    assert seen() == [("first", upright), ("second", upright)]
-    (moved,) = client.camera.on_update.call_args.args
-    moved(None)
+    turned(None)
     client.camera.image_width, client.camera.image_height = 844, 390
-    moved(None)
-    moved(None)
-    assert seen() == [("second", across)]
-    report(False)
+    turned(None)
+    turned(None)
+    box.value = False
+    report(None)
     pictures.show("third")
-    assert seen() == []
+    upright, across = 390 / 844, 844 / 390
+    drawn = [call.args[0] for call in client.scene.set_background_image.call_args_list]
+    assert drawn == [("first", upright), ("second", upright), ("second", across)]
 
 
 # --- colours: WCAG 2.2, 1.4.3 and 1.4.11; texts of the page itself are judged by axe-core in the browser ---

@@ -254,11 +254,8 @@ def test_annotated_csv_of_influxdb(read):
     np.testing.assert_allclose(recording.values, np.column_stack([2 * X, X]), atol=1e-9)
 
 
-def test_time_name_value_and_unit(read):
+def test_a_name_that_misses_a_stamp_has_a_missing_sample_there(read):
     rows = [f"{i * 0.5};{name};{x};{unit}" for i, x in enumerate(X) for name, unit in (("T", "°C"), ("p", "hPa"))]
-    recording = read("time;sensor;value;unit\n" + "\n".join(rows) + "\n")
-    assert (recording.names, recording.units, recording.sample_period) == (("T", "p"), ("°C", "hPa"), 0.5)
-    np.testing.assert_array_equal(recording.values, np.column_stack([X, X]))
     del rows[9]  # p misses a stamp
     values = read("time;sensor;value;unit\n" + "\n".join(rows) + "\n").values
     assert np.argwhere(np.isnan(values)).tolist() == [[4, 1]]
