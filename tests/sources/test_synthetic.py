@@ -138,13 +138,3 @@ def test_the_list_is_the_folder():
     assert sample_data_dir() == FOLDER
     assert sorted(sample.name for sample in list_samples()) == NAMES
     assert len(NAMES) >= 6
-
-
-def test_nile_is_the_published_series():
-    recording = open_source("sample:nile")
-    volume = recording.channel("volume")
-    # Durbin and Koopman (2012): 100 years from 1871; statistics of the series as R prints them.
-    assert (len(volume), volume[0], volume[-1], volume.min(), volume.max()) == (100, 1120, 740, 456, 1370)
-    assert volume.mean() == pytest.approx(919.35)
-    assert volume.std(ddof=1) == pytest.approx(169.227501)
-    assert recording.units == ("1e8 m3",)

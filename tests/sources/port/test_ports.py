@@ -128,12 +128,6 @@ def test_a_board_is_found_again_under_another_name_by_its_serial_number(monkeypa
     assert SerialPort(PortSpec("/dev/ttyACM0"), bool, first).device == "/dev/ttyACM7"
 
 
-def test_what_is_no_port_says_so(tmp_path):
-    (tmp_path / "log.csv").write_text("1\n")
-    with pytest.raises(BadDevice, match="must be a serial port"):
-        SerialPort(PortSpec(str(tmp_path / "log.csv")), bool, None)
-
-
 def taken(reader):
     """All items that are there."""
     return [reader.items.get_nowait() for _ in range(reader.items.qsize())]
