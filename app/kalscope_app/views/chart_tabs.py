@@ -19,7 +19,7 @@ from kalscope_app.session import changes
 from kalscope_app.session.session import Session
 from kalscope_app.session.state import LINKS, State
 from kalscope_app.studies.checks import Spectra
-from kalscope_app.studies.comparisons import HALF_LANE, MAX_LANES, Compared, Lane, Overview
+from kalscope_app.studies.comparisons import HALF_LANE, Compared, Lane, Overview
 from kalscope_app.views import charts
 from kalscope_app.views.charts import Chart, ChartLine, Scale, palette_of, short, time_axis
 from kalscope_app.views.export import show_files
@@ -248,8 +248,8 @@ def lead_of(overview: Overview) -> str:
     names = overview.state.recording.names
     current = "" if overview.state.fusion is not None else ", the current channel bolder"
     said = f"Each channel fills its own lane: **raw** grey, **filtered** orange{current}."
-    more = len(names) - len(overview.lanes)
-    return f"{said} {count(more)} more than {MAX_LANES} are not drawn." if more else said
+    drawn = len(overview.lanes)
+    return f"{said} The first {drawn} of {count(len(names))} are drawn." if drawn < len(names) else said
 
 
 def settings_of(overview: Overview) -> str:

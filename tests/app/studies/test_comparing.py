@@ -131,4 +131,4 @@ def test_sixteen_channels_are_drawn_of_any_number(channels, lanes):
         for i, one in enumerate(lines):
             assert (np.abs(one.y - (i // 2 + 1)) < 0.5).all()  # no lane reaches into the next
         assert settings_of(overview).count("\n") == lanes + 1
-    assert ("24 more than 16" in lead_of(overview)) == (channels == 40)
+    assert ("The first 16 of 40" in lead_of(overview)) == (channels == 40)
