@@ -16,7 +16,7 @@ HAVE_SYSTEM := (command -v chromium || command -v chromium-browser || command -v
   && PATH="$$PATH:/usr/sbin" command -v mosquitto >/dev/null 2>&1 && command -v openssl >/dev/null 2>&1 \
   && test -x /usr/sbin/sshd && command -v ssh >/dev/null 2>&1
 
-.PHONY: run test coverage test-fast check docs pictures packages release format bench soak system can-test clean
+.PHONY: run test coverage test-fast test-failed check docs pictures packages release format bench soak system can-test clean
 
 run: .venv/run.stamp
 	$(BIN)/kalscope
@@ -42,6 +42,10 @@ coverage: can-test .venv/warm.stamp
 test-fast: WORKERS := auto
 test-fast: .venv/warm.stamp
 	$(PYTEST) -m "not (browser or device or server or slow)"
+
+# The tests that failed in the last run, one after the other; an error where none failed.
+test-failed: .venv/test.stamp
+	$(BIN)/python -m pytest --last-failed --last-failed-no-failures=none
 
 check: .venv/check.stamp
 	$(BIN)/ruff check .
