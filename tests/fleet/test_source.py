@@ -15,6 +15,7 @@ from kalscope.errors import BadFile, BadSetting
 from kalscope.estimation.request import Request
 from kalscope.fleet import read as read_module
 from kalscope.fleet.read import FleetOptions, find_units, read_block, read_list
+from kalscope.fleet.run import run_fleet
 from kalscope.fleet.work import fit_unit, run_batch
 from kalscope.sources.grammar.read_options import ReadOptions
 
@@ -58,7 +59,8 @@ def test_everything_in_a_folder_is_accounted_for_and_a_pattern_stands_for_what_i
     assert set(reasons(tree / "*.csv")) == {"a.csv", "link.csv", "pipe.csv", "x.csv/b.csv"}
     for source in ("nowhere.csv", "nowhere/*.csv", "none/**"):
         with pytest.raises(BadSetting, match=r"SOURCE must be a folder, a file, @LIST, or a pattern .*\(got "):
-            reasons(tree / source)
+            run_fleet([str(tree / source)], FleetOptions(Request()), tree / "results")
+    assert not (tree / "results").exists()
 
 
 def test_a_list_names_files_each_once_and_one_that_is_gone_has_a_reason(tree):

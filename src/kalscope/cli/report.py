@@ -1,4 +1,4 @@
-"""`kalscope report` and `kalscope page`, a recording and its tuning as HTML; `kalscope reproduce`, the papers."""
+"""The commands that write HTML: `report` and `page` for a recording and its tuning, `reproduce` for the papers."""
 
 from __future__ import annotations
 

@@ -245,10 +245,11 @@ def run_fleet(
         OSError: the disk is full, or the folder cannot be written; what is finished is kept.
     """
     folder = folder.absolute()
+    units = find_units(sources, folder)
     with open_store(folder) as store:
         for path in folder.glob(f".{'[0-9a-f]' * 32}.note"):  # of a run that was killed
             path.unlink(missing_ok=True)
-        units, fingerprint, settled = find_units(sources, folder), options.fingerprint(), store.settled()
+        fingerprint, settled = options.fingerprint(), store.settled()
         keys = [unit.key(fingerprint) for unit in units]
         missing = [i for i, key in enumerate(keys) if key not in settled]
         tally = Tally(len(units), len(units) - len(missing))
