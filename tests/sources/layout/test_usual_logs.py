@@ -119,6 +119,12 @@ LOGS = {
     "NMEA": log("1 s, altitude [m] = A",
         rows(lambda i: nmea(f"GPGGA,0900{i:02}.00,4807.0,N,01131.0,E,1,08,0.9,{A[i]},M,46.9,M,,")),
         nmea("GPGSV,1,1,00")),
+    **{f"a clock such as {form.format(7)}": log("3600 s, T [C] = A", "Data;Hora UTC;T (C)\n",
+        lambda i, f=form: f"2023/01/{1 + i // 24:02};{f.format(i % 24)};{A[i]}".replace(".", ","))
+        for form in ("{:02}00 UTC", "{:02}:00 UTC", "{:02}00")},
+    "a flag of missing samples": log("1 s, a = A, NaN", "# bad_flag = -9.990e-29\n# t a\n",
+        rows(lambda i: f"{i} {A[i]}\n") + f"{N} -9.990e-29\n"),
+    "nines": log("1 s, a = A, NaN", "t;a\n" + rows(lambda i: f"{i}; {A[i]}\n") + f"{N};-999\n"),
     "weekdays are no sensors": log("86400 s, a = A", "date,day,a\n",
         lambda i: f"2024-{3 + i // 28:02}-{1 + i % 28:02},{DAYS[i % 7]},{A[i]}"),
     "256 columns and a separator": log("no rate, value 256 = A", lambda i: ";".join([str(A[i])] * 256) + ";"),

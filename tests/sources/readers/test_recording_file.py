@@ -17,7 +17,7 @@ from kalscope.common.progress import Progress
 from kalscope.errors import BadFile, BadSetting, Cancelled, NoMemory
 from kalscope.sources.reading import recording_file, text_file
 from kalscope.sources.reading import rows as csv_rows
-from kalscope.sources.reading.recording_file import read_recording, suggest_missing
+from kalscope.sources.reading.recording_file import find_missing, read_recording
 from kalscope.sources.reading.text_file import open_raw
 
 
@@ -289,7 +289,7 @@ ROWS = np.arange(N)
 def asked(*channels):
     values = np.column_stack([np.asarray(channel, dtype=float) for channel in channels])
     names = [f"c{i}" for i in range(values.shape[1])]
-    questions = suggest_missing(values, names, (np.nanmin(values, axis=0), np.nanmax(values, axis=0)))
+    questions = find_missing(values, names, (np.nanmin(values, axis=0), np.nanmax(values, axis=0)))
     return [float(question.split()[1]) for question in questions]
 
 
@@ -297,7 +297,17 @@ def at_moments(signal, code, every=97, long=1):
     return np.where(ROWS % every < long, code, signal)
 
 
-SURE = [-999.0, -9999.9, 9999.0, 999.9, -888.0, -200.0, -127.0, 85.0, -7999.0, 32767.0, -32768.0, 65535.0, 1e30]
+@pytest.mark.parametrize("code", [-999.0, -9999.9, 9999.0])
+@pytest.mark.parametrize("every", [3, N])
+def test_nines_that_are_very_far_from_the_rest_are_missing_samples(code, every):
+    near, wide = at_moments(WALK, code, every), at_moments(2000.0 * WALK, code, every)
+    values = np.column_stack([near, wide])
+    note, *_ = find_missing(values, ["near", "wide"], (values.min(axis=0), values.max(axis=0)))
+    assert note.startswith(f"{code:.15g} is a missing value: it occurs")
+    assert np.array_equal(np.isnan(values), np.column_stack([near == code, np.zeros(N)]))
+
+
+SURE = [999.9, -888.0, -200.0, -127.0, 85.0, -7999.0, 32767.0, -32768.0, 65535.0, 1e30]
 
 
 @pytest.mark.parametrize("code", SURE)
@@ -325,7 +335,7 @@ STATES = {
     "a step that stays": np.where(ROWS > 2000, 400.0, WALK),
     "a step of a reference": np.where(ROWS // 60 % 7 == 3, 200.0, WALK),
     **{f"{code}, which is no code": at_moments(WALK, code) for code in (10.5, 563.0, -12.25, 71.3, 1234.0)},
-    "once is chance": np.where(ROWS == 77, -999.0, WALK),
+    "once is chance": np.where(ROWS == 77, -888.0, WALK),
 }
 
 
@@ -335,10 +345,10 @@ def test_states_and_readings_raise_no_question(signal):
 
 
 def test_a_code_of_several_channels_is_one_question_and_missing_samples_around_it_do_not_matter():
-    values = np.column_stack([at_moments(WALK, -999.0), at_moments(WALK[::-1], -999.0), WALK])
-    (question,) = suggest_missing(values, ["a", "b", "c"], (values.min(axis=0), values.max(axis=0)))
+    values = np.column_stack([at_moments(WALK, -888.0), at_moments(WALK[::-1], -888.0), WALK])
+    (question,) = find_missing(values, ["a", "b", "c"], (values.min(axis=0), values.max(axis=0)))
     assert 'times in "a", "b", far from' in question
-    assert question.endswith("--missing -999")
+    assert question.endswith("--missing -888")
     assert asked(np.where(RNG.random(N) < 0.05, np.nan, at_moments(WALK, 400.0))) == [400.0]
     assert asked(np.full(N, -999.0)) == []
-    assert suggest_missing(np.full((5, 1), np.nan), ["a"], (np.array([np.nan]),) * 2) == []
+    assert find_missing(np.full((5, 1), np.nan), ["a"], (np.array([np.nan]),) * 2) == []

@@ -95,8 +95,14 @@ def parse_clock(cell: str) -> float | None:
         return None
     quick = _quick_clock(cell)
     cell = cell.replace("h", ":", 1) if cell[1:3].strip("0123456789")[:1] == "h" else cell  # 8h30
-    match = _CLOCK.fullmatch(cell) if quick is None else None
+    match = _CLOCK.fullmatch(_without_zone(cell)) if quick is None else None
     return quick if match is None else _clock_of(match.groups())
+
+
+def _without_zone(cell: str) -> str:
+    """`01:00` of `01:00 UTC`, `0100` of `0100Z`; like any clock it is that of its place."""
+    bare = cell.rstrip("ABCDEFGHIJKLMNOPQRSTUVWXYZ")
+    return bare.rstrip(" ") if cell[len(bare) :] in _HOURS_OF_ZONE else cell
 
 
 def _clock_of(groups: Sequence[str | None]) -> float | None:
@@ -137,7 +143,7 @@ def _parse_elapsed(cell: str) -> float | None:
 
 def _parse_digits(cell: str, width: int) -> float | None:
     """Microseconds since midnight of `0544`, `544` and `5` as 05:44 and 00:05, of six digits with their seconds."""
-    whole, mark, fraction = cell.partition(".")
+    whole, mark, fraction = _without_zone(cell).partition(".")
     if not (whole.isascii() and whole.isdecimal() and len(whole) <= width) or (mark and width == 4):
         return None
     digits = whole.zfill(width)

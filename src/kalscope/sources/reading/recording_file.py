@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import math
 import os
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -41,7 +42,8 @@ from kalscope.sources.reading.text_file import (
 )
 from kalscope.sources.reading.time_columns import find_time
 
-# Values that may stand for "no sample", such as −200 or 400: found and asked about, never removed unasked.
+# Values that may stand for "no sample", such as −200 or 400: found and asked about. What the lines above a table
+# call so is removed, and so are nines that are very far from all else, such as −9999.
 #
 # A code is a number that nothing measures by chance, far from all that is measured. Some numbers are always codes
 # there (−999, 32767). Others are readings as well (0, 400): they are codes only where they appear for a moment, and
@@ -51,8 +53,8 @@ from kalscope.sources.reading.time_columns import find_time
 Extremes = tuple[Array, Array]
 """Smallest and largest sample of each channel, shape (channels,) each; NaN where all are missing."""
 
-_MIN_SURE, _MIN_UNSURE = 2, 3
-"""Least count of a number that is always a code, and of any other; of these, one sample in 2000 too."""
+_MIN_UNSURE = 3
+"""Least count of a number that may be a reading, and one sample in 2000; of others 2, of nines 1."""
 _MAX_SHARE, _MAX_RUN = 0.3, 3
 """Largest share of the samples, and longest run in the median, of a code that may be a reading; more is a state."""
 _MIN_DISTINCT, _SAMPLE = 3, 20_000
@@ -66,12 +68,14 @@ _SURE = {
 out of range."""
 _UNSURE = {0.0, -1.0, 99.0, -99.0, 255.0, 1023.0, 4095.0}
 """Zero, an error value of C, and limits of short integers."""
+_NINES, _VERY_FAR = re.compile(r"(?:-9{3,}|9{4,})(?:\.9{1,3})?"), 10.0
+"""Codes that are removed unasked, and how much further from the rest than all of it is wide these must be."""
 _HUGE = 1e20
 """Fill values of binary formats are beyond this: 1e30, 9.97e36, 3.4e38."""
 
 
-def suggest_missing(values: Array, names: Sequence[str], ends: Extremes) -> list[str]:
-    """Questions about values that may be missing samples.
+def find_missing(values: Array, names: Sequence[str], ends: Extremes) -> list[str]:
+    """Replace values that are certainly no samples by NaN, in place, and ask about others that may be none.
 
     Args:
         values: Samples, shape (n, channels), NaN where missing.
@@ -82,22 +86,28 @@ def suggest_missing(values: Array, names: Sequence[str], ends: Extremes) -> list
         One sentence for each value that is the smallest or largest of a channel, a code, and further from the rest
         than the middle half of the rest is wide, and half of all of it.
     """
-    found: dict[float, list[int]] = {}
+    found: dict[tuple[float, bool], dict[int, int]] = {}
     for i, (low, high) in enumerate(zip(*ends, strict=True)):
         for value in {float(low), float(high)}:
-            if _stands_out(values[:, i], value, _surety(value)):
-                found.setdefault(value, []).append(i)
-    questions: list[str] = []
-    for value, channels in found.items():
-        often = sum(int(np.count_nonzero(values[:, i] == value)) for i in channels)
-        where = _listed([f'"{names[i]}"' for i in channels])
-        said = f"is {value:.15g} a missing value? It occurs {count(often)} times in {where}, far from the rest"
-        questions.append(Assumption(f"{said}; if so, read with --missing {value:.15g}"))
-    return questions
+            sure = _surety(value)
+            certain = sure == 3 and _stands_out(values[:, i], value, sure)
+            if certain or _stands_out(values[:, i], value, min(sure, 2)):
+                here = values[:, i] == value
+                found.setdefault((value, certain), {})[i] = int(np.count_nonzero(here))
+                values[here & certain, i] = np.nan
+    notes: list[str] = []
+    for (value, certain), often in found.items():
+        where = _listed([f'"{names[i]}"' for i in often])
+        times = f"{count(sum(often.values()))} times in {where}, far from the rest"
+        asked = f"is {value:.15g} a missing value? It occurs {times}; if so, read with --missing {value:.15g}"
+        notes.append(Assumption(f"{value:.15g} is a missing value: it occurs {times}" if certain else asked))
+    return notes
 
 
 def _surety(value: float) -> int:
-    """2 for a number that nothing measures by chance, −9999.9, 888.8, −200, 32767, 1e30; 1 for 400, 255; else 0."""
+    """3 for −9999.9; 2 for others that nothing measures by chance, 888.8, −200, 1e30; 1 for 400, 255; else 0."""
+    if _NINES.fullmatch(f"{value:.10g}"):
+        return 3
     digits = f"{abs(value):.10g}"
     bare = digits.replace(".", "")
     is_round = digits.isdecimal() and len(digits) >= 3 and not digits[1:].strip("0")
@@ -114,16 +124,16 @@ def _stands_out(samples: Array, value: float, sure: int) -> bool:
         return False
     here, rest = samples == value, samples[np.isfinite(samples) & (samples != value)]
     some = rest[:: max(1, rest.size // _SAMPLE)]
-    least = _MIN_SURE if sure == 2 else max(_MIN_UNSURE, samples.size // 2000)
+    least = max(_MIN_UNSURE, samples.size // 2000) if sure == 1 else 4 - sure
     if np.count_nonzero(here) < least or np.unique(some).size < _MIN_DISTINCT:
         return False
     nearest = float(np.min(np.abs(rest - value)))
     lower, upper = np.quantile(some, (0.25, 0.75))
-    if nearest <= max(float(upper - lower), 0.5 * float(np.ptp(some))):
+    if nearest <= max(float(upper - lower), (_VERY_FAR if sure == 3 else 0.5) * float(np.ptp(some))):
         return False
     edges = np.flatnonzero(np.diff(np.concatenate(([0], here.astype(np.int8), [0]))))
     brief = np.median(edges[1::2] - edges[::2]) <= _MAX_RUN and here.mean() <= _MAX_SHARE
-    return sure == 2 or bool(brief)
+    return sure > 1 or bool(brief)
 
 
 # From the columns and counts that a reader found to the Recording, the same way for every reader.
@@ -178,7 +188,7 @@ def assemble(reading: Reading, options: ReadOptions, sample_period: float | None
     layout, debris = _without_debris(reading, name)
     turned = _oldest_first(reading.columns, layout)
     channels = layout.channels
-    values, taken = _values(reading.columns, channels, options)
+    values, taken = _values(reading.columns, layout, options)
     given = GivenPeriod(sample_period or (options.rate and 1.0 / options.rate), layout.period)
     if layout.time is None:
         if options.time_unit is not None:
@@ -192,7 +202,7 @@ def assemble(reading: Reading, options: ReadOptions, sample_period: float | None
     with np.errstate(invalid="ignore"):
         ends = np.fmin.reduce(values), np.fmax.reduce(values)
     notes += _about_columns(layout, ends, len(values), name)
-    notes += suggest_missing(values, [layout.columns[i].name for i in channels], ends)
+    notes += find_missing(values, [layout.columns[i].name for i in channels], ends)
     time, inserted = axis.time, 0
     if options.gaps != "rows":
         if period is None or layout.time is None:
@@ -293,16 +303,17 @@ def _oldest_first(columns: Columns, layout: Layout) -> list[str]:
     return [Assumption(f"{count(back)} rows of the file step back in time: the rows were put in order of time")]
 
 
-def _values(columns: Columns, channels: list[int], options: ReadOptions) -> tuple[Array, list[str]]:
-    """Samples, shape (n, channels), without the values that the user declared missing; and how many those were."""
+def _values(columns: Columns, layout: Layout, options: ReadOptions) -> tuple[Array, list[str]]:
+    """Samples, shape (n, channels), without those that the user or the file declared missing; and how many."""
     # Column by column in memory: each channel is filtered, drawn and judged by itself.
-    values = np.empty((len(columns[channels[0]]), len(channels)), order="F")
-    for j, i in enumerate(channels):
+    values = np.empty((len(columns[layout.channels[0]]), len(layout.channels)), order="F")
+    for j, i in enumerate(layout.channels):
         values[:, j] = columns.pop(i)  # no column is held twice
     notes: list[str] = []
-    for number in options.missing_numbers:
+    said = dict.fromkeys(layout.missing, "as stated") | dict.fromkeys(options.missing_numbers, "as requested")
+    for number, why in said.items():
         found = values == number
-        notes.append(f"samples of {number:.15g} that are missing, as requested: {np.count_nonzero(found)}")
+        notes.append(f"samples of {number:.15g} that are missing, {why}: {np.count_nonzero(found)}")
         values[found] = np.nan
     return values, notes
 

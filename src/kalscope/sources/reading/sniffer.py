@@ -134,6 +134,7 @@ _MAX_HEADER_PLACE, _MAX_HEADER_LENGTH = 50, 4000
 """Lines of the head that are looked at for settings and for names that break, and their length."""
 
 _SETTING = re.compile(r'[#%*; \t"]*+([A-Za-z][^:=,;|\t"]{0,60}+)"?[ \t]*(?::=|[:=,;|\t])[ \t]*+(\S.*)')
+_NO_SAMPLE = re.compile(r"_?(?:bad|missing|no[ _]?data|fill)[ _]?(?:flag|value|code)")
 _PROCESSING = words("raw cal uncal avg mean smp sample tot total min max std med first last")
 _NAMES = re.compile(r"((?:channel|column|field|signal|sensor)s? )?(?:labels|columns|channels|fields|names|header)")
 _LAST_NAMES, _LAST_UNITS = ("source", "channel data"), ("vertical units",)
@@ -363,6 +364,8 @@ class Layout:
     """What second 0 of the stamps is, or the first sample where there are none, in s since 1970; None: unknown."""
     lead: int | None = None
     """Column of the label that begins a row where several lines make up one; None where each line is a row."""
+    missing: tuple[float, ...] = ()
+    """Numbers that lines above the table call missing samples."""
 
     @property
     def channels(self) -> list[int]:
@@ -448,8 +451,11 @@ def _layout(
         *(_about_rows(cells, channels, table.form.decimal) if time is None and not any(named) else ()),
         *plan.preface.notes,
     )
+    codes = settings_of(head[: header.first - 1], 0).items()
+    missing = (parse_number(value) for key, value in codes if _NO_SAMPLE.fullmatch(key) and is_number(value))
     headers, said, stated = frozenset(dict(header.rows)), tuple(cells for _, cells in header.rows), plan.preface
     layout = Layout(table.form, tuple(columns), time, header.first, headers, said, notes, table.narrow)
+    layout = replace(layout, missing=tuple(filter(None, missing)))
     return replace(layout, period=stated.period, start=stated.start, lead=lead)
 
 

@@ -230,7 +230,8 @@ def _joined(
     clocks: dict[int, ClockForm] = {}
     for i, column in enumerate(columns if days else ()):
         form = forms.get(i)
-        may_be_digits = _role(column.name) == "clock" if form is None else form.kind == "number" and not form.unit
+        named = _role(column.name) in ("clock", "hour") or names[i].strength == 2
+        may_be_digits = named if form is None else form.kind == "number" and not form.unit
         if form is not None and form.kind == "clock" and not form.odd:
             clocks[i] = form.clock
         elif may_be_digits and (digits := clock_form([row[i] for row in rows])):
