@@ -77,8 +77,8 @@ IN_SIGHT = """() => { const seen = (one) => { const box = one.getBoundingClientR
 def test_the_first_screen_has_the_demo_at_its_starting_values_and_at_most_eighteen_controls(start, tmp_path):
     calm = np.column_stack([np.arange(40), np.sin(np.arange(40) / 5), np.sin(np.arange(40) / 6)])
     rows = "".join(f"{i},{a:.6f},{b:.6f}\n" for i, a, b in calm)
-    (tmp_path / "log.csv").write_text(f"time,near,far\n{rows}50,-999,-999\n61,-999,-999\n")
-    for source, name in (("sample:tank_level", "channel"), ("log.csv", "Read -999 as missing"), ("demo", "Map")):
+    (tmp_path / "log.csv").write_text(f"time,near,far\n{rows}50,-200,-200\n61,-200,-200\n")
+    for source, name in (("sample:tank_level", "channel"), ("log.csv", "Read -200 as missing"), ("demo", "Map")):
         screen = start(source, width=1440, height=900)
         screen.wait_for_fit()
         screen.wait(f"(name) => ({IN_SIGHT})().includes(name)", name)  # the names come last
