@@ -125,6 +125,14 @@ LOGS = {
     "a flag of missing samples": log("1 s, a = A, NaN", "# bad_flag = -9.990e-29\n# t a\n",
         rows(lambda i: f"{i} {A[i]}\n") + f"{N} -9.990e-29\n"),
     "nines": log("1 s, a = A, NaN", "t;a\n" + rows(lambda i: f"{i}; {A[i]}\n") + f"{N};-999\n"),
+    "sqlite3 in the mode line": log("30 s, temp_c = A; p = B",
+        lambda i: f"    id = {i + 1}\n    ts = 2024-03-14 {clock(i, 30)}\ntemp_c = {A[i]}\n     p = {B[i]}\n"),
+    "upower": log("30 s, energy [Wh] = A; percentage [%] = B", lambda i: f"  vendor:   LGC\n"
+        f"  updated:  Thu 14 Mar 2024 {clock(i, 30)} CET (2 seconds ago)\n  battery\n    present:  yes\n"
+        f"    energy:   {A[i]} Wh\n    percentage:  {B[i]}%\n"),
+    "a date above sensors": log("30 s, Core 0 [°C] = A; temp1 [°C] = B; temp1 2 [°C] = A",
+        lambda i: f"Thu Mar 14 {clock(i, 30)} CET 2024\nisa-0\nCore 0:  +{A[i]}°C  (high = +80.0°C)\n\n"
+        f"temp1:  +{B[i]}°C\n\ntemp1:  +{A[i]}°C"),
     "weekdays are no sensors": log("86400 s, a = A", "date,day,a\n",
         lambda i: f"2024-{3 + i // 28:02}-{1 + i % 28:02},{DAYS[i % 7]},{A[i]}"),
     "256 columns and a separator": log("no rate, value 256 = A", lambda i: ";".join([str(A[i])] * 256) + ";"),

@@ -164,11 +164,13 @@ def _pairs(text: str, mark: str) -> Pairs | None:
     groups: list[list[str]] = [[]]  # the words between the marks: a value, then the next label
     for word in (match[0] for match in _WORD.finditer(text)):
         before, found, after = word.partition(mark)
-        is_clock = mark == ":" and len(groups) > 1 and not groups[-1] and word[0].isdecimal()
-        if not found or is_clock:
+        is_whole = before.isdecimal() and mark in after
+        if not found or (
+            mark == ":" and len(groups) > 1 and (is_whole or (not groups[-1] and word[0].isdecimal()))
+        ):
             groups[-1].append(word)
             continue
-        if before.isdecimal() and mark in after:  # `ets Jun  8 2016 00:22:57` of an ESP32: a clock, not a label
+        if is_whole:  # `ets Jun  8 2016 00:22:57` of an ESP32: a clock, not a label
             return None
         groups[-1] += [before] if before else []
         groups.append([after] if after else [])

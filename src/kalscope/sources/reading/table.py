@@ -479,7 +479,7 @@ def _labelled(lines: list[HeadLine], some: Mapping[str, Sequence[str]], plan: Pl
     labels = tuple(label for label, n in beside.items() if n >= 0.1 * len(pairs))
     kept = ((n, found) for n, found in pairs if found.keys() & numeric and found.keys() <= set(labels))
     cells = ((n, tuple(found.get(label, "") for label in labels)) for n, found in kept)
-    rows = tuple(row for row in cells if likeness(row[1], kinds))
+    rows = tuple(row for row in cells if any(kinds[cell] in NUMERIC for cell in row[1]))
     if not rows:
         return None
     whole = sum(found.keys() >= set(labels) for _, found in pairs)

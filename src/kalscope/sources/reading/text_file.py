@@ -13,6 +13,7 @@ from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from importlib import import_module
+from itertools import chain, count
 from pathlib import Path
 from threading import Event
 from typing import Any, BinaryIO, TextIO
@@ -20,7 +21,8 @@ from typing import Any, BinaryIO, TextIO
 from kalscope.common.files import temporary_folder
 from kalscope.common.progress import Progress
 from kalscope.errors import BadFile, Cancelled, reason_of
-from kalscope.sources.grammar.line_format import ESCAPE, split_checksum, without_escapes
+from kalscope.sources.grammar.line_format import ESCAPE, find_pairs, split_checksum, without_escapes
+from kalscope.sources.grammar.timestamps import is_stamp
 
 # What a packed file holds: gzip and Zstandard, bounded, with progress, and refused when cut short.
 
@@ -264,6 +266,24 @@ def _documents(lines: Iterator[str]) -> Iterator[str]:
         values = {} if ends else values
 
 
+def _blocks(lines: Iterator[str]) -> Iterator[str]:
+    """Each block of labelled lines, below a line that is a stamp or between blank ones, as an object of JSON."""
+    values, size = dict[str, str](), 0
+    for line in chain(lines, ("",)):
+        text = line.strip(" \t\r\n=*-")
+        is_epoch = text.isdecimal() and len(text) == 10
+        pairs = {"time": text} if is_epoch or (text and is_stamp(text)) else dict(find_pairs(line) or ())
+        is_stamped = "time" in values
+        ends = "time" in pairs if is_stamped else pairs.keys() & values.keys() or not (text or is_stamped)
+        if ends or not line:
+            yield (json.dumps(values) if values else "") + "\n" * size
+            values, size = {}, 0
+        for label, value in pairs.items():
+            names = chain((label,), (f"{label} {k}" for k in count(2)))
+            values[next(name for name in names if name not in values)] = value
+        size += 1
+
+
 def _tuples(lines: Iterator[str]) -> Iterator[str]:
     """`id,time,temp` of `INSERT INTO logs (id, time, temp) VALUES (1, '09:00', 21.5);`, and `1, '09:00', 21.5`."""
     names, above = "", ""
@@ -279,9 +299,27 @@ def _tuples(lines: Iterator[str]) -> Iterator[str]:
 
 _KEY = re.compile(r"( {0,40})(?:- )?([A-Za-z_][\w/-]{0,60}):(?: {1,20}(\S.*))?")
 _TUPLE = re.compile(r"\(((?:[^()']|'[^']*'){1,4000})\)[,;\s]")
+_ALONE = rb"[^,;:\n]{0,40}(?:[0-9]{1,2}:[0-9]{2}|\b[0-9]{10}\b)[^,;\n]{0,40}\n"
+"""A line that may be nothing but a stamp."""
+_LABEL = rb"(?!" + _ALONE + rb")([ \t]*[A-Za-z_][^\n:=]{0,60}[:=])[^\n]*\n"
 _REWRITTEN: dict[str, tuple[bytes, re.Pattern[bytes], Callable[[Iterator[str]], Iterator[str]]]] = {
     "of NMEA, GGA gives the altitude and RMC the speed, both the clock; other sentences are comments": (
         *(b"*", re.compile(rb"^\$[A-Z]{2}(?:GGA|RMC),[0-9]{6}", re.MULTILINE), _positions),
+    ),
+    "each block of labelled lines is a row": (
+        b"\n",
+        re.compile(
+            rb"\n\r?\n" + _LABEL + rb"(?:(?!\1)[ \t]*\S[^\n]*\n){1,60}\r?\n\1"
+            rb"|^"
+            + _ALONE
+            + rb"(?:[^\n:=]*\n){0,3}"
+            + _LABEL
+            + rb"(?:[^\n]*\n){0,60}?"
+            + _ALONE
+            + rb"(?:[^\n:=]*\n){0,3}\2",
+            re.MULTILINE,
+        ),
+        _blocks,
     ),
     "each document of YAML is a row": (
         *(b"\n---", re.compile(rb"^[a-z_]+:.*\n(?:[ a-z_]+:.*\n){1,400}---\n", re.MULTILINE), _documents),
