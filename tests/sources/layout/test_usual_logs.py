@@ -236,6 +236,8 @@ LOGS = {
     "Korean: half a day first": log("10 s, v = A", "t,v\n", lambda i: f"2024. 3. 5. 오전 {clock(i)},{A[i]}"),
     "rows of an array": log("0.1 s, value 1 = A", f"[[0.0 {A[0]}]\n",
         "".join(f" [{i / 10} {A[i]}]{']' * (i == N - 1)}\n" for i in range(1, N))),
+    "units line by line above the names": log("10 s, p [hPa] = A", "t, seconds, of day\np, hPa, air\n18\nt, p\n",
+        lambda i: f"{50400 + 10 * i}, {A[i]}"),
     "only changes": log("no rate, a = A", "time,a\n", lambda i: f"{int(T[i])},{A[i]}"),
 }  # fmt: skip
 
@@ -285,6 +287,7 @@ def test_a_label_that_is_lost_shifts_no_other(read):
     ("Time [s],Channel 0\n" + rows(lambda i: f"{CHANGES[i]:.7f},{i % 2}\n"), "the stamps have no rate"),
     ("t,r\n" + rows(lambda i: f"{i},{A[i]}{'k' * (i % 3 > 0)}\n"), '"20.0" in "r" is in k as well'),
     ("t,room,a\n" + rows(lambda i: f"{i},{'ab'[i % 2]},{A[i]}\n"), 'one of 2 sensors, by "room"'),
+    ("t,a\n" + rows(lambda i: f"{i},{A[i] if i else '+9.910000E+37'}\n"), "9.91e+37 is a missing value"),
     ("t,a,b\n" + rows(lambda i: f"{i},{A[i]},{A[i] if i % 3 == 0 else f'x{i}'}\n"), 'most cells of "b"'),
 ])  # fmt: skip
 def test_what_the_file_does_not_show_is_said_at_once(read, text, assumed):

@@ -68,8 +68,10 @@ _SURE = {
 out of range."""
 _UNSURE = {0.0, -1.0, 99.0, -99.0, 255.0, 1023.0, 4095.0}
 """Zero, an error value of C, and limits of short integers."""
-_NINES, _VERY_FAR = re.compile(r"(?:-9{3,}|9{4,})(?:\.9{1,3})?"), 10.0
+_NINES, _VERY_FAR = re.compile(r"(?:-9{3,}|9{4,}|-8{3,})(?:\.9{1,3})?"), 10.0
 """Codes that are removed unasked, and how much further from the rest than all of it is wide these must be."""
+_OVERFLOWS = {9.9e37, 9.91e37, 1e38}
+"""Overload and NaN of instruments (SCPI), of either sign: always removed."""
 _HUGE = 1e20
 """Fill values of binary formats are beyond this: 1e30, 9.97e36, 3.4e38."""
 
@@ -90,7 +92,7 @@ def find_missing(values: Array, names: Sequence[str], ends: Extremes) -> list[st
     for i, (low, high) in enumerate(zip(*ends, strict=True)):
         for value in {float(low), float(high)}:
             sure = _surety(value)
-            certain = sure == 3 and _stands_out(values[:, i], value, sure)
+            certain = abs(value) in _OVERFLOWS or (sure == 3 and _stands_out(values[:, i], value, sure))
             if certain or _stands_out(values[:, i], value, min(sure, 2)):
                 here = values[:, i] == value
                 found.setdefault((value, certain), {})[i] = int(np.count_nonzero(here))

@@ -466,10 +466,15 @@ def _described(
     columns: list[Column] = []
     notes: list[str] = []
     inside = sum(number <= size for number, _ in body.rows)
+    # `O3, ppbv, …` and `Time_Start, seconds, …`, a line for each column, above the names.
+    given = {c.name: re.split(r"[,;|\t]", settings.get(c.name.lower(), ""))[0].strip() for c in header.columns}
+    given = {name: unit for name, unit in given.items() if is_unit(unit, alone=True)}
     for i, column in enumerate(header.columns):
         cells, kind, form = [row[i] for _, row in body.rows], body.types[i], None
         role = "metadata" if i in body.beside else role_of(column, cells[:inside], i, kind, len(body.types))
-        unit = settings.get(f"unit {column.name.lower()}", column.unit)
+        unit = settings.get(
+            f"unit {column.name.lower()}", column.unit or (len(given) > 1 and given.get(column.name)) or ""
+        )
         if role == "channel":
             name, (best, rival) = column.name or f"column {i + 1}", number_form(cells, kinds, plan.options.decimal)
             if best != NumberForm(kinds.decimal):
