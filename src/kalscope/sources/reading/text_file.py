@@ -8,6 +8,7 @@ import io
 import json
 import re
 import zlib
+from collections import Counter
 from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from contextlib import contextmanager
@@ -21,6 +22,7 @@ from typing import Any, BinaryIO, TextIO
 from kalscope.common.files import temporary_folder
 from kalscope.common.progress import Progress
 from kalscope.errors import BadFile, Cancelled, reason_of
+from kalscope.sources.grammar.cells import is_blank
 from kalscope.sources.grammar.line_format import ESCAPE, find_pairs, split_checksum, without_escapes
 from kalscope.sources.grammar.timestamps import is_stamp
 
@@ -229,7 +231,7 @@ def unusual_marks(raw: RawFile) -> tuple[str, ...]:
 
 def _rewritten(head: bytes) -> str | None:
     """The key of `_REWRITTEN` that a file with this head has; None for most."""
-    ways = ((what, mark in head and begin.search(head)) for what, (mark, begin, _) in _REWRITTEN.items())
+    ways = ((what, mark in head and begin(head)) for what, (mark, begin, _) in _REWRITTEN.items())
     return next((what for what, found in ways if found), None)
 
 
@@ -266,15 +268,33 @@ def _documents(lines: Iterator[str]) -> Iterator[str]:
         values = {} if ends else values
 
 
+def _in_blocks(head: bytes) -> bool:
+    """Whether most lines have a label, and one label comes first below most lines that are a stamp or blank."""
+    lines = head.decode("utf-8", "replace").splitlines()[:_MAX_JUDGED]
+    first, labelled, begins = Counter[str](), 0, True
+    for line in lines:
+        is_parting = is_blank(line) or bool(_stamp_alone(line))
+        label = None if is_parting else _LABEL.match(line)
+        if label is not None and begins:
+            first[label[1]] += 1
+        labelled += label is not None
+        begins = is_parting or (begins and label is None)
+    return 3 <= max(first.values(), default=0) >= 0.6 * first.total() and 3 * labelled > len(lines)
+
+
+def _stamp_alone(line: str) -> str:
+    """The stamp that a line is, with or without a rule beside it; "" for any other line."""
+    text = line.strip(" \t\r\n=*-")
+    return text if (text.isdecimal() and len(text) == 10) or (text and is_stamp(text)) else ""
+
+
 def _blocks(lines: Iterator[str]) -> Iterator[str]:
     """Each block of labelled lines, below a line that is a stamp or between blank ones, as an object of JSON."""
     values, size = dict[str, str](), 0
     for line in chain(lines, ("",)):
-        text = line.strip(" \t\r\n=*-")
-        is_epoch = text.isdecimal() and len(text) == 10
-        pairs = {"time": text} if is_epoch or (text and is_stamp(text)) else dict(find_pairs(line) or ())
-        is_stamped = "time" in values
-        ends = "time" in pairs if is_stamped else pairs.keys() & values.keys() or not (text or is_stamped)
+        stamp, is_stamped = _stamp_alone(line), "time" in values
+        pairs = {"time": stamp} if stamp else dict(find_pairs(line) or ())
+        ends = "time" in pairs if is_stamped else pairs.keys() & values.keys() or is_blank(line)
         if ends or not line:
             yield (json.dumps(values) if values else "") + "\n" * size
             values, size = {}, 0
@@ -299,33 +319,18 @@ def _tuples(lines: Iterator[str]) -> Iterator[str]:
 
 _KEY = re.compile(r"( {0,40})(?:- )?([A-Za-z_][\w/-]{0,60}):(?: {1,20}(\S.*))?")
 _TUPLE = re.compile(r"\(((?:[^()']|'[^']*'){1,4000})\)[,;\s]")
-_ALONE = rb"[^,;:\n]{0,40}(?:[0-9]{1,2}:[0-9]{2}|\b[0-9]{10}\b)[^,;\n]{0,40}\n"
-"""A line that may be nothing but a stamp."""
-_LABEL = rb"(?!" + _ALONE + rb")([ \t]*[A-Za-z_][^\n:=]{0,60}[:=])[^\n]*\n"
-_REWRITTEN: dict[str, tuple[bytes, re.Pattern[bytes], Callable[[Iterator[str]], Iterator[str]]]] = {
+_LABEL, _MAX_JUDGED = re.compile(r"[ \t]*([A-Za-z_][^:=]{0,60})[:=]"), 400
+"""What begins a labelled line; lines that show whether these come in blocks."""
+_REWRITTEN: dict[str, tuple[bytes, Callable[[bytes], object], Callable[[Iterator[str]], Iterator[str]]]] = {
     "of NMEA, GGA gives the altitude and RMC the speed, both the clock; other sentences are comments": (
-        *(b"*", re.compile(rb"^\$[A-Z]{2}(?:GGA|RMC),[0-9]{6}", re.MULTILINE), _positions),
+        *(b"*", re.compile(rb"^\$[A-Z]{2}(?:GGA|RMC),[0-9]{6}", re.MULTILINE).search, _positions),
     ),
-    "each block of labelled lines is a row": (
-        b"\n",
-        re.compile(
-            rb"\n\r?\n" + _LABEL + rb"(?:(?!\1)[ \t]*\S[^\n]*\n){1,60}\r?\n\1"
-            rb"|^"
-            + _ALONE
-            + rb"(?:[^\n:=]*\n){0,3}"
-            + _LABEL
-            + rb"(?:[^\n]*\n){0,60}?"
-            + _ALONE
-            + rb"(?:[^\n:=]*\n){0,3}\2",
-            re.MULTILINE,
-        ),
-        _blocks,
-    ),
+    "each block of labelled lines is a row": (b"\n", _in_blocks, _blocks),
     "each document of YAML is a row": (
-        *(b"\n---", re.compile(rb"^[a-z_]+:.*\n(?:[ a-z_]+:.*\n){1,400}---\n", re.MULTILINE), _documents),
+        *(b"\n---", re.compile(rb"^[a-z_]+:.*\n(?:[ a-z_]+:.*\n){1,400}---\n", re.MULTILINE).search, _documents),
     ),
     "the rows that INSERT statements of SQL hold": (
-        *(b"INSERT", re.compile(rb"^INSERT INTO .* VALUES", re.MULTILINE), _tuples),
+        *(b"INSERT", re.compile(rb"^INSERT INTO .* VALUES", re.MULTILINE).search, _tuples),
     ),
 }
 """What is written as labels, objects or rows before it is read: a sentence, two marks of it, what rewrites it."""
