@@ -133,6 +133,9 @@ LOGS = {
     "a date above sensors": log("30 s, Core 0 [°C] = A; temp1 [°C] = B; temp1 2 [°C] = A",
         lambda i: f"Thu Mar 14 {clock(i, 30)} CET 2024\nisa-0\nCore 0:  +{A[i]}°C  (high = +80.0°C)\n\n"
         f"temp1:  +{B[i]}°C\n\ntemp1:  +{A[i]}°C"),
+    "LabChart, two blocks": log("0.01 s, ECG = A; Resp = B", lambda i: (
+        "Interval=\t0.01 s\nChannelTitle=\tECG\tResp\nRange=\t2 mV\t1 V\n" if i % 20 == 0 else "")
+        + f"{i % 20 / 100}\t{A[i]}\t{B[i]}" + ("\t#* note" if i == 7 else "")),
     "weekdays are no sensors": log("86400 s, a = A", "date,day,a\n",
         lambda i: f"2024-{3 + i // 28:02}-{1 + i % 28:02},{DAYS[i % 7]},{A[i]}"),
     "256 columns and a separator": log("no rate, value 256 = A", lambda i: ";".join([str(A[i])] * 256) + ";"),
@@ -299,7 +302,9 @@ def test_what_the_file_does_not_show_is_said_at_once(read, text, assumed):
 def test_a_remark_between_rows_begins_no_new_table(read):
     row = [f"{i / 2},{A[i]}\n" for i in range(N)]
     recording = read("t,a\n" + "".join(row[:5]) + "\nreconnect,now\n" + "".join(row[5:]))
-    assert (recording.report.rows + recording.report.rejected, recording.sample_period) == (N + 1, 0.5)
+    assert (recording.report.rows, recording.report.comments, recording.sample_period) == (N, 1, 0.5)
+    recording = read("a,b\n" + "".join(row[:5]) + "reconnect,now\nERR,ERR\n" + "".join(row[5:]) + "End,\n")
+    assert (recording.report.rows, recording.report.comments, recording.report.bad_cells) == (N + 1, 2, 2)
 
 
 def test_units_that_repeat_are_no_names(read):

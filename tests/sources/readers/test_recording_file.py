@@ -297,7 +297,7 @@ def at_moments(signal, code, every=97, long=1):
     return np.where(ROWS % every < long, code, signal)
 
 
-@pytest.mark.parametrize("code", [-999.0, -9999.9, 9999.0])
+@pytest.mark.parametrize("code", [-999.0, -9999.9, 9999.0, -888.0])
 @pytest.mark.parametrize("every", [3, N])
 def test_nines_that_are_very_far_from_the_rest_are_missing_samples(code, every):
     near, wide = at_moments(WALK, code, every), at_moments(2000.0 * WALK, code, every)
@@ -307,7 +307,7 @@ def test_nines_that_are_very_far_from_the_rest_are_missing_samples(code, every):
     assert np.array_equal(np.isnan(values), np.column_stack([near == code, np.zeros(N)]))
 
 
-SURE = [999.9, -888.0, -200.0, -127.0, 85.0, -7999.0, 32767.0, -32768.0, 65535.0, 1e30]
+SURE = [999.9, 888.0, -200.0, -127.0, 85.0, -7999.0, 32767.0, -32768.0, 65535.0, 1e30]
 
 
 @pytest.mark.parametrize("code", SURE)
@@ -335,7 +335,7 @@ STATES = {
     "a step that stays": np.where(ROWS > 2000, 400.0, WALK),
     "a step of a reference": np.where(ROWS // 60 % 7 == 3, 200.0, WALK),
     **{f"{code}, which is no code": at_moments(WALK, code) for code in (10.5, 563.0, -12.25, 71.3, 1234.0)},
-    "once is chance": np.where(ROWS == 77, -888.0, WALK),
+    "once is chance": np.where(ROWS == 77, 888.0, WALK),
 }
 
 
@@ -345,10 +345,10 @@ def test_states_and_readings_raise_no_question(signal):
 
 
 def test_a_code_of_several_channels_is_one_question_and_missing_samples_around_it_do_not_matter():
-    values = np.column_stack([at_moments(WALK, -888.0), at_moments(WALK[::-1], -888.0), WALK])
+    values = np.column_stack([at_moments(WALK, 888.0), at_moments(WALK[::-1], 888.0), WALK])
     (question,) = find_missing(values, ["a", "b", "c"], (values.min(axis=0), values.max(axis=0)))
     assert 'times in "a", "b", far from' in question
-    assert question.endswith("--missing -888")
+    assert question.endswith("--missing 888")
     assert asked(np.where(RNG.random(N) < 0.05, np.nan, at_moments(WALK, 400.0))) == [400.0]
     assert asked(np.full(N, -999.0)) == []
     assert find_missing(np.full((5, 1), np.nan), ["a"], (np.array([np.nan]),) * 2) == []

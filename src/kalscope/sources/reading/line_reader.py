@@ -17,6 +17,7 @@ from kalscope.sources.grammar.cells import (
     is_blank,
     is_comment,
     is_damaged,
+    is_number,
     parse_number,
     split_fields,
 )
@@ -95,9 +96,10 @@ class LineReader:
             try:
                 rows = self._rows(text)
             except _Fault as fault:
-                if self._form.kind != "table" or len(text.split()) < _PROSE or any(map(str.isdigit, text)):
+                prose = len(text.split()) >= _PROSE and not any(map(str.isdigit, text))
+                if self._form.kind != "table" or not (prose or self._are_words(self._split(text))):
                     return rejected(number, text, str(fault))
-                kind = "text"
+                kind, self._issues = "text", []
         kind = kind or ("text" if rows is None else "row")
         issues, missing = tuple(self._issues), tuple(self._missing)
         return LineEvent(number, kind, text[:MAX_ISSUE_LENGTH], rows or (), issues, missing)
@@ -141,6 +143,11 @@ class LineReader:
         if text is not self._text:
             self._text, self._cells = text, split_fields(text, self._form.delimiter)
         return self._cells
+
+    def _are_words(self, cells: list[str]) -> bool:
+        """Whether cells of a table of several columns are names or remarks, none a number; ERR,ERR is a row."""
+        some = any(cell[:1].isalpha() for cell in cells)
+        return self._width > 1 < len({*cells}) and some and not any(is_number(c, self._form.decimal) for c in cells)
 
     def _labelled(self, text: str) -> list[str] | None:
         """Cells in column order; a value without a column is an issue; None for prose."""
@@ -213,6 +220,8 @@ class LineReader:
                 self._missing.append(cells[i])
             else:
                 self._report("must be a number", cells[i], layout.columns[i].name)
+        if self._issues and self._time is None and self._are_words([cells[i] for i in self._channels]):
+            raise _Fault("must hold a number")
         return tuple(values)
 
     def value(self, column: int, cell: str) -> float | None:
@@ -231,7 +240,7 @@ class LineReader:
         count, before = len(cells), self._before
         # The first row alone may hold more: what is the same in all.
         self._before = -1 if before == -2 and count == self._width else count
-        if count == self._width + 1 and not cells[-1]:
+        if count == self._width + 1 and (not cells[-1] or is_comment(cells[-1])):
             return cells[:-1]
         if count < self._least and count in self.layout.narrow and before in (-2, -1, count):
             return cells + [""] * (self._width - count)

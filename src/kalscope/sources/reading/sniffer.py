@@ -136,7 +136,9 @@ _MAX_HEADER_PLACE, _MAX_HEADER_LENGTH = 50, 4000
 _SETTING = re.compile(r'[#%*; \t"]*+([A-Za-z][^:=,;|\t"]{0,60}+)"?[ \t]*(?::=|[:=,;|\t])[ \t]*+(\S.*)')
 _NO_SAMPLE = re.compile(r"_?(?:bad|missing|no[ _]?data|fill)[ _]?(?:flag|value|code)")
 _PROCESSING = words("raw cal uncal avg mean smp sample tot total min max std med first last")
-_NAMES = re.compile(r"((?:channel|column|field|signal|sensor)s? )?(?:labels|columns|channels|fields|names|header)")
+_NAMES = re.compile(
+    r"(?:(?:channel|column|field|signal|sensor)s? ?)?(?:labels|columns|channels|fields|names|header|titles?)"
+)
 _LAST_NAMES, _LAST_UNITS = ("source", "channel data"), ("vertical units",)
 """Settings of oscilloscopes that give the names and units of the last columns: `Source,CH2`, `Vertical Units,V`."""
 
@@ -176,9 +178,9 @@ def _listed(settings: dict[str, str], table: HeadTable, body: Body) -> tuple[Cel
     for key, value in settings.items():
         cells = tuple(cell.strip(" \t\"'[]") for cell in re.split(r"[;,\t|]", value))
         said = tuple(cell for cell in cells if cell and not is_number(cell, table.form.decimal))
-        is_list = width > 1 and len(said) == len(cells) == width
+        is_list = width > 1 and len(said) == len(cells) and 0 <= width - len(cells) <= ("title" in key)
         if is_list and (_NAMES.fullmatch(key) or key.endswith("units")):
-            found.setdefault(key.endswith("units"), cells)
+            found.setdefault(key.endswith("units"), ("",) * (width - len(cells)) + cells)
         if key in (*_LAST_NAMES, *_LAST_UNITS) and 0 < len(said) < max(2, len(filled)):
             at = dict(zip(filled[-len(said) :], said, strict=True))
             found.setdefault(key in _LAST_UNITS, tuple(at.get(i, "") for i in range(width)))

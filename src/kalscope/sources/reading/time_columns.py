@@ -332,12 +332,14 @@ def unnamed_time(columns: list[Column], rows: list[Cells], decimal: str, *, name
 
 
 def _is_ramp(stamps: Array) -> bool:
-    """True for rising stamps; a counter 0, 1, 2, … is not one."""
+    """True for stamps that rise, and seldom begin again with the first; a counter 0, 1, 2, … is not one."""
     steps = np.diff(stamps)
     # Between rows of the head, the middle and the end the steps are longer, also those of a counter.
     few_long = np.count_nonzero(steps > 50 * np.median(steps)) <= max(2, 0.01 * steps.size)
     is_counter = np.count_nonzero(steps != 1) <= min(2, 0.02 * steps.size)
-    return bool(np.all(steps > 0) and few_long and not is_counter)
+    back = stamps[1:][steps <= 0]
+    rises = np.all(back == stamps[0]) and back.size <= 0.02 * steps.size
+    return bool(rises and few_long and not is_counter)
 
 
 # Which columns of a log are its time: all candidates are weighed against each other.
