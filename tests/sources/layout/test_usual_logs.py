@@ -94,6 +94,10 @@ LOGS = {
     "system log": log("1 s, temp = A; p = B", lambda i: f"May 17 {clock(i, 1)} pi app[612]: temp={A[i]} p={B[i]}"),
     "several values of one name at a stamp": log("0.25 s, temp = A; hum = B", "time,name,value\n",
         lambda i: f"{clock(i // 4, 1)},temp,{A[i]}\n{clock(i // 4, 1)},hum,{B[i]}"),
+    "rooms and quantities": log("60 s, a.t = A; a.h = B; b.t = B", "time,room,quantity,value\n", lambda i: "".join(
+        f"{clock(i, 60)},{key},{value}\n" for key, value in (("a,t", A[i]), ("a,h", B[i]), ("b,t", B[i])))),
+    "values with their units and a place": log("1 s, rpm [1/s] = A; v [km/h] = B", "t;PID;VALUE;UNITS;LAT\n",
+        lambda i: f"{i};rpm;{A[i]};1/s;48.1{i}\n{i};v;{B[i]};km/h;48.1{i}"),
     "sensors in turn, two values each": log("60 s, bath temp = A; bath hum = B; cellar temp = B",
         "time,room,temp,hum\n",
         lambda i: f"{clock(i, 60)},bath,{A[i]},{B[i]}\n{clock(i, 60)},cellar,{B[i]},{A[i]}"),
@@ -136,6 +140,9 @@ LOGS = {
     "LabChart, two blocks": log("0.01 s, ECG = A; Resp = B", lambda i: (
         "Interval=\t0.01 s\nChannelTitle=\tECG\tResp\nRange=\t2 mV\t1 V\n" if i % 20 == 0 else "")
         + f"{i % 20 / 100}\t{A[i]}\t{B[i]}" + ("\t#* note" if i == 7 else "")),
+    "date of a British shell": log("30 s, temp ['C] = A; volt [V] = B",
+        lambda i: f"Thu 14 Mar {clock(i, 30)} GMT 2024\ntemp={A[i]}'C\nvolt={B[i]}V"),
+    "marks before a label": log("no rate, X = A; Y = B", lambda i: f"{'! ' * (i < 5)}X: {A[i]} Y: {B[i]}"),
     "weekdays are no sensors": log("86400 s, a = A", "date,day,a\n",
         lambda i: f"2024-{3 + i // 28:02}-{1 + i % 28:02},{DAYS[i % 7]},{A[i]}"),
     "256 columns and a separator": log("no rate, value 256 = A", lambda i: ";".join([str(A[i])] * 256) + ";"),

@@ -122,7 +122,7 @@ def find_pairs(line: str) -> Pairs | None:
         return None
     if line[:1].isdecimal() and line.isascii() and line.lower() == line.upper():
         return None  # a number and no letter, as in a table with a clock
-    text = _LEVEL.sub("", line.strip().removeprefix(">"), count=1)
+    text = _LEVEL.sub("", line.strip().lstrip("!*>").lstrip(), count=1)
     if text.startswith("{"):
         return find_object(text.removesuffix(","))
     found = _logged(text)

@@ -435,8 +435,11 @@ def mark_series(
     names = [i for i in texts if bases[i] in _NAMES and i not in values]
     numbers = [i for i, column in enumerate(columns) if column.role == "channel" and i not in (*times, *values)]
     units = [i for i in texts if bases[i] in UNIT_NAMES]
-    if len(values) == 1 and names and (by_field or not numbers) and len(rows) >= _MIN_ROWS:
-        keys = [i for i in texts if by_field and bases[i] not in _NO_TAGS and i not in values] or names
+    named = {*names, *(i for i in texts if bases[i] in _KEYS)}
+    by_unit = _are_of_units(rows, sorted(named), units)
+    if len(values) == 1 and (names or by_unit) and (by_field or by_unit or not numbers) and len(rows) >= _MIN_ROWS:
+        keys = [i for i in texts if by_field and bases[i] not in _NO_TAGS and i not in values] or sorted(named)
+        keys = [i for i in keys if i in names or by_field or by_unit or _parts(rows, names, i)]
         few = len({tuple(row[i] for i in keys) for row in rows}) <= len(rows) / 2
         is_long = few and any(is_number(row[values[0]], decimal) for row in rows)
         roles: dict[int, Role] = {**dict.fromkeys(numbers, "text"), values[0]: "channel"}
@@ -453,6 +456,20 @@ def mark_series(
         return columns, []
     roles |= dict.fromkeys((*keys, *units), "series")
     return [replace(column, role=roles.get(i, column.role)) for i, column in enumerate(columns)], [note]
+
+
+def _parts(rows: list[Cells], names: list[int], key: int) -> bool:
+    """Whether a key, such as the room, parts the rows of a name: temp of the kitchen, temp of the bath."""
+    whole = {tuple(row[i] for i in names) for row in rows}
+    return len({tuple(row[i] for i in (*names, key)) for row in rows}) > len(whole)
+
+
+def _are_of_units(rows: list[Cells], names: list[int], units: list[int]) -> bool:
+    """Whether each name has its own unit in a column of units, of which there are several."""
+    if len(units) != 1:
+        return False
+    found = {(*(row[i] for i in names), row[units[0]]) for row in rows}
+    return len({pair[:-1] for pair in found}) == len(found) > 1 < len({pair[-1] for pair in found})
 
 
 def _is_key(index: int, columns: list[Column], rows: list[Cells], time: TimeColumn | None, decimal: str) -> bool:
