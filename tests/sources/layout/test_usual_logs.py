@@ -248,6 +248,18 @@ LOGS = {
         "".join(f" [{i / 10} {A[i]}]{']' * (i == N - 1)}\n" for i in range(1, N))),
     "units line by line above the names": log("10 s, p [hPa] = A", "t, seconds, of day\np, hPa, air\n18\nt, p\n",
         lambda i: f"{50400 + 10 * i}, {A[i]}"),
+    "openHAB": log("10 s, Barn [°C] = A",
+        lambda i: f"2024-03-05 {clock(i)}.123 [INFO ] [openhab.Event ] - Item 'Barn' changed from 1 to {A[i]} °C"),
+    "ESPHome: a label in some turns": log("10 s, T [°C] = A; H [%] = B",
+        lambda i: "\n".join(f"[{clock(i)}][D][sensor:094]: '{name}': Sending state {state}"
+            for name, state in (("T", f"{A[i]} °C"), ("H", f"{B[i]} %"), ("WiFi", "-63 dBm"))[: 3 - (i % 3 > 0)])),
+    "columns of Fortran that meet": log("2 s, value 1 = A", lambda i: f" {2 * i}.00 {A[i]:.6E}-1.00000E+00"),
+    "currencies and marks": log("10 s, cost [$] = A; rain = B", "t,cost,rain\n",
+        lambda i: f"{10 * i},${A[i]},{B[i]}{'*' * (i % 3 == 0)}"),
+    "PVGIS": log("3600 s, P = A", "time,P\n", lambda i: f"202006{1 + i // 24:02}:{i % 24:02}10,{A[i]}"),
+    "ArduPilot: names of each kind": log("1 s, ATT = A; BARO = B",
+        "FMT, 1, 9, ATT, Qf, TimeUS,Roll\nFMT, 2, 9, BARO, Qf, TimeUS,Alt\n",
+        lambda i: "\n".join(f"{kind}, {10**6 * (i + 80)}, {x[i]}" for kind, x in (("ATT", A), ("BARO", B)))),
     "only changes": log("no rate, a = A", "time,a\n", lambda i: f"{int(T[i])},{A[i]}"),
 }  # fmt: skip
 
@@ -286,6 +298,15 @@ def test_a_label_that_is_lost_shifts_no_other(read):
     np.testing.assert_array_equal(known, B[:10] + B[11:])
     both = recording.values[np.isfinite(recording.values).all(axis=1)]
     assert {tuple(row) for row in both} <= set(zip(A, B, strict=True))
+
+
+@pytest.mark.parametrize(("names", "text"), [
+    ("h/t h/c", rows(lambda i: f"2024-03-05T{clock(i)}+0100 h/{'c' if i % 9 == 5 else 't'} {A[i]}\n")),
+    ("a.b c", rows(lambda i: json.dumps({"t": i} | ({"a": {"b": A[i]}} if i != 7 else {}) | {"c": i % 7}) + "\n")),
+])  # fmt: skip
+def test_a_label_that_is_rare_or_lacks_once_loses_no_line(read, names, text):
+    recording = read(text)
+    assert (" ".join(recording.names), len(recording), recording.report.rejected) == (names, N, 0)
 
 
 @pytest.mark.parametrize(("text", "assumed"), [

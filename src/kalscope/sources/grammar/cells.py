@@ -44,6 +44,8 @@ _CONTROL = re.compile(r"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f]")
 DAMAGED = "\0"
 """Replaces a damaged line in sniffing: it counts as a line that is not a row, and costs nothing."""
 _RUN_OF_SPACES = re.compile(r"[ \t]+")
+_TOUCHING, _OF_NUMBERS = re.compile(r"(\.[0-9]{1,20}(?:E[-+][0-9]{2})?)(?=-[0-9]?\.[0-9])"), "0123456789.+-E \t"
+"""Where columns of Fortran meet, `1.10477E+00-2.33183E-03`, on lines of such numbers alone."""
 
 
 def is_comment(line: str) -> bool:
@@ -88,6 +90,7 @@ def _split(line: str, delimiter: str) -> list[str]:
         except csv.Error:  # a stray quote, or a cell above the module's limit
             pass
     if delimiter == " ":
+        text = _TOUCHING.sub(r"\1 ", text) if "E" in text and not text.strip(_OF_NUMBERS) else text
         cells = _RUN_OF_SPACES.split(text) if text else []
         if cells and cells[0][-1:] == ":" and cells[0][:-1].isdecimal():
             cells[0] = cells[0][:-1]  # RRDtool
@@ -138,6 +141,8 @@ _GROUPED = {
     mark: re.compile(rf"[-+]?[1-9][0-9]{{0,2}}(?:[{other} \u00a0\u202f'’][0-9]{{3}})+(?:{re.escape(mark)}[0-9]+)?")
     for mark, other in (".,", ",.")
 }
+CURRENCIES = frozenset("$€£¥")
+"""Units that are written before the number as well."""
 _NO_BLANKS = str.maketrans("", "", " \u00a0\u202f'’")
 OTHER_MARK = {".": ",", ",": "."}
 """The mark that is not the decimal mark, and may separate thousands."""
@@ -152,7 +157,7 @@ class NumberForm:
     thousands: bool = False
     """True where the other mark, a blank or an apostrophe may separate thousands: 1,234.5."""
     suffix: str = ""
-    """Unit that is written after each number: the C of 26.69C."""
+    """Unit that is written after each number, a currency before it as well: the C of 26.69C, the $ of $0.11."""
 
     def fits(self, cell: str) -> bool:
         """True where the whole cell is a number of this form, within float64 or not."""
@@ -168,12 +173,15 @@ class NumberForm:
         return parse_number(cell, self.decimal)
 
     def _bare(self, cell: str) -> str:
+        cell = cell.removeprefix(self.suffix).lstrip(" ") if self.suffix in CURRENCIES else cell
         return cell.removesuffix(self.suffix).rstrip(" ") if self.suffix else cell
 
 
 def split_measure(cell: str) -> tuple[str, str] | None:
     """(number, unit) of `26.69C`, `45 %`, `3,3V`, whatever the unit; None for any other cell."""
-    match = _MEASURE.fullmatch(cell) if len(cell) <= 40 else None
+    match = (
+        _MEASURE.fullmatch(cell if cell[:1] not in CURRENCIES else cell[1:] + cell[0]) if len(cell) <= 40 else None
+    )
     return (match[1], match[2]) if match else None
 
 
@@ -193,7 +201,7 @@ def words(text: str) -> frozenset[str]:
 _UNITS = words(
     """
     s sec second seconds secs ms msec msecs millis us usec µs μs ns min mins minute minutes h hr hour hours
-    d day days yr year years
+    d day days yr year years unitless
     lb lbs oz kgf gf
     v volt volts mv uv µv kv a amp amps ampere amperes ma ua µa na g mg kg m mm cm km um µm meter meters
     metre metres
@@ -201,7 +209,7 @@ _UNITS = words(
     degc °c 'c c celsius f degf °f 'f k kelvin fahrenheit % %rh rh percent pct
     pa hpa kpa mpa mbar bar psi mmhg inhg torr at atm hz khz mhz ghz lux lx ppm ppb count counts lsb adc raw ts rn
     w kw mw watt watts w/m2 w/m^2 w/m² kwh wh n newton newtons nm n·m joule joules j db dbm dbv ohm ohms kohm ω kω
-    farad f/m kb gb kib mib gib ut µt mt tesla gauss l ml liter liters litre litres l/min bpm no_units unitless
+    $ € £ ¥ farad f/m kb gb kib mib gib ut µt mt tesla gauss l ml liter liters litre litres l/min bpm no_units
     """
 )
 _SPELLED = {"second": "s", **dict.fromkeys(("-", "--", "no_units", "unitless"), "")} | {

@@ -94,6 +94,11 @@ _ESPHOME = re.compile(
     r"(?: with [0-9]{1,2} decimals of accuracy)?"
 )
 """`[D][sensor:094]: 'Barn': Sending state 20.5 °C with 1 decimals of accuracy`, `'Barn' >> 20.5 °C`: ESPHome."""
+_CHANGED = re.compile(
+    r"(?:[A-Z][a-z]{1,20} )?'([^']{1,60})' (?:changed from .{1,40} to|received (?:update|command)|updated to)"
+    r" ([^\s0-9]?[0-9]\S{0,20}(?: [^\s0-9]{1,8})?)(?: \(.{1,60}\))?"
+)
+"""`Item 'Barn' changed from 20.0 °C to 20.5 °C`, `Item 'Barn' received update 20.5`: openHAB."""
 _LINE_PROTOCOL = re.compile(
     r"((?:\\.|[^\s=\",\\]){1,200}(?:,(?:\\.|[^\s\"\\]){1,400})?) ([^\s=,]+=[^\s=,]+(?:,[^\s=,]+=[^\s=,]+){0,63})"
     r" ([0-9]{10,19})"
@@ -118,7 +123,7 @@ def find_pairs(line: str) -> Pairs | None:
     None if anything else is on the line, such as a number that has no label, or a label is a number (`12:30:05`).
     """
     is_endless = len(line) > MAX_PARTS and sum(map(line.count, ",;\t")) > MAX_PARTS
-    if is_endless or not any(mark in line for mark in (":", "=", "/", ">>")):
+    if is_endless or not any(mark in line for mark in (":", "=", "/", ">>", "' ")):
         return None
     if line[:1].isdecimal() and line.isascii() and line.lower() == line.upper():
         return None  # a number and no letter, as in a table with a clock
@@ -222,7 +227,7 @@ def _is_value(word: str) -> bool:
 
 def _logged(text: str) -> Pairs | None:
     """The pairs of a line of ESPHome or MQTT: a quoted name and its state, a topic and its value or object."""
-    if "'" in text and (match := _ESPHOME.fullmatch(text)):
+    if "'" in text and (match := _ESPHOME.fullmatch(text) or _CHANGED.fullmatch(text)):
         return [(match[1], match[2])]
     if "=" in text and (match := _LINE_PROTOCOL.fullmatch(text)) is not None:
         fields = (part.partition("=") for part in match[2].split(","))
@@ -298,6 +303,8 @@ _SYSLOG = re.compile(
 )
 """What syslog, journalctl and Android write before a line: `May 17 09:30:00 host sensor[612]: `,
 `05-17 09:30:00.123  612  640 D Sensor: `; the date has no year."""
+_LOG4J = re.compile(rf"({_STAMP[1:-1]}{_ZONE}) \[[A-Z]{{4,5}} ?\] \[[^\]]{{1,80}}\] - (.*)", re.DOTALL)
+"""What Java writes before a line: `2024-05-17 09:30:00.123 [INFO ] [openhab.event.Changed   ] - `."""
 _RFC5424 = re.compile(
     rf"<[0-9]{{1,3}}>1 ({_STAMP[1:-1]}{_ZONE})(?: [^\s]{{1,255}}){{4}} (?:-|\[[^\]]{{0,400}}\]) (.*)", re.DOTALL
 )
@@ -375,6 +382,7 @@ def split_stamp(line: str) -> tuple[str, str] | None:
     match = match or (line[:1] == "<" and _RFC5424.fullmatch(line))
     match = match or (":" in line[:_STAMP_REACH] and _LINE_STAMP.fullmatch(line))
     match = match or (" " in line[3:6:2] and _SYSLOG.fullmatch(line))
+    match = match or ("] - " in line and _LOG4J.fullmatch(line))
     if match:
         stamp, rest = (group for group in match.groups() if group is not None)
         return stamp.replace(",", "") if "." in stamp else stamp, rest  # Zephyr writes 00:00:01.234,567

@@ -222,7 +222,7 @@ def parse_calendar(cell: str, order: DateOrder = "ymd") -> float | None:
 def _parse_iso(cell: str) -> float | None:
     """ISO 8601 with a date of ten characters or of eight digits, `20220223_071847`; the fast path."""
     if cell[:8].isdecimal() and cell.isascii() and len(cell) >= 8:
-        rest = cell[9:] if cell[8:9] in ("T", "_", " ", "-") else cell[8:]
+        rest = cell[9:] if cell[8:9] in ("T", "_", " ", "-", ":") else cell[8:]
         rest = f"{rest[:6]}.{rest[6:]}" if rest[:7].isdecimal() and len(rest) > 6 else rest
         cell = f"{cell[:8]}T{rest}" if rest else cell
     elif cell[4:8:3] != "--" or (len(cell) > 10 and (cell[10] not in "T " or cell[13:14] != ":")):

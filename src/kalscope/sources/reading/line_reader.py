@@ -167,7 +167,7 @@ class LineReader:
             if all(parse_number(value) is None for value in values.values()):
                 return None
             raise _Fault(f"must hold one of the labels ({', '.join(labels[:8])})")
-        if self._form.complete and lacking:
+        if self._form.complete and lacking and not text.lstrip().startswith("{"):  # an object is not torn
             raise _Fault(f"must hold all labels, as the other lines do (got none of {', '.join(lacking[:8])})")
         for label, value in found:
             if label not in labels:
@@ -227,6 +227,8 @@ class LineReader:
     def value(self, column: int, cell: str) -> float | None:
         """The number in a cell that is read, or its stamp; NaN where it is missing; None for any other text."""
         value = self._parsers[column](cell)
+        if value is None and column != self._time and cell[-1:] in ("*", "#") and cell[-2:-1].isdecimal():
+            return self.value(column, cell[:-1].rstrip(" "))  # a mark of quality
         if value is None and column != self._time and cell.lower() in self._silent:
             return math.nan
         return math.nan if self._numbers and column != self._time and value in self._numbers else value

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import islice, pairwise
+from itertools import islice, pairwise, zip_longest
 
 import numpy as np
 
@@ -58,7 +58,7 @@ from kalscope.sources.reading.time_columns import find_time, time_name
 
 MIN_CYCLES, _MIN_COMPLETE, MAX_INSIDE = 4, 0.9, 0.25
 """How often all labels must come in turn.
-Share of the turns that must hold every label.
+Share of the turns that must hold each usual label, and each label once.
 Largest share of the time between two turns that may pass between the first and the last line of one."""
 
 
@@ -74,8 +74,11 @@ def leading_label(rows: Sequence[Cells], labels: Sequence[int]) -> int | None:
     begins = [k for k, here in enumerate(held) if first in here]
     if len(begins) < MIN_CYCLES or len(begins) > 0.75 * len(held):
         return None
-    turns = [sorted(i for here in held[a:b] for i in here) for a, b in pairwise(begins)]
-    return first if turns.count(sorted(labels)) >= _MIN_COMPLETE * len(turns) else None
+    turns = [[i for here in held[a:b] for i in here] for a, b in pairwise(begins)]
+    # A label that is in some turns only, such as the signal of the radio, is of the turn in which it comes.
+    usual = [i for i in labels if sum(i in turn for turn in turns) >= _MIN_COMPLETE * len(turns)]
+    whole = sum({*usual} <= {*turn} and len({*turn}) == len(turn) for turn in turns)
+    return first if len(usual) > 1 and whole >= _MIN_COMPLETE * len(turns) else None
 
 
 # The sentences that explain a layout, and that name another one that could be meant.
@@ -189,9 +192,11 @@ def _listed(settings: dict[str, str], table: HeadTable, body: Body) -> tuple[Cel
 
 def _declared(head: Sequence[str], body: Body) -> Cells:
     """Names from `FMT, 129, 31, IMU, Qff, TimeUS,GyrX,GyrY` of ArduPilot, for rows that begin with IMU."""
-    kind = body.rows[0][1][0]
+    kinds = {cells[0]: None for _, cells in body.rows}
     formats = (split_fields(line, ",") for line in head if line.startswith("FMT,"))
-    return next(((kind, *cells[5:]) for cells in formats if cells[3:4] == [kind]), ())
+    names = [(cells[3], *cells[5:]) for cells in formats if len(cells) > 5 and cells[3] in kinds]
+    # Rows of several kinds share few names: the time.
+    return tuple(same.pop() if len(same := {*place}) == 1 else "" for place in zip_longest(*names, fillvalue=""))
 
 
 def join_quoted(head: Sequence[str]) -> list[str]:
@@ -482,7 +487,9 @@ def _described(
             if best != NumberForm(kinds.decimal):
                 form, unit = best, unit or best.suffix
                 notes.append(f'the numbers of "{name}" are written like {next(filter(best.fits, cells), "")!r}')
-                bare = (cell for cell in cells if best.suffix and cell[-1:].isdecimal() and best.fits(cell))
+                bare = (
+                    cell for cell in cells if best.suffix not in cell and cell[-1:].isdecimal() and best.fits(cell)
+                )
                 said = (f'"{cell}" in "{name}" is in {best.suffix} as well' for cell in bare)
                 notes += map(Assumption, islice(said, 1))
             if rival is not None:

@@ -333,6 +333,8 @@ MIN_UNIFORM, MIN_UNIFORM_LINES = 0.6, 20
 are not a table."""
 MIN_COMPLETE, MIN_COMPLETE_ROWS = 0.95, 20
 """Share of labelled lines that hold every label, and how many there must be, for the others to be damaged."""
+MIN_TOPIC = 4
+"""Lines of a topic by which it is a channel; of another label a tenth of the lines."""
 
 
 def marked_begin(head: Sequence[str]) -> int:
@@ -473,10 +475,14 @@ def _labelled(lines: list[HeadLine], some: Mapping[str, Sequence[str]], plan: Pl
     pairs = [(number, dict(found)) for number, found in labelled if found]
     kinds = CellKinds(".", plan.options.missing_texts)
     values = Counter(label for _, found in pairs for label in found if kinds[found[label]] in (*NUMERIC, "stamp"))
-    numeric = {label for label, n in values.items() if n >= 0.1 * len(pairs)}
+    # Topics of MQTT have rates of their own.
+    least = min(
+        0.1 * len(pairs), MIN_TOPIC if all("/" in label for _, found in pairs for label in found) else math.inf
+    )
+    numeric = {label for label, n in values.items() if n >= least}
     # A text beside numbers, "status", is a column; lines of texts alone are the program's log.
     beside = Counter(label for _, found in pairs if found.keys() & numeric for label in found)
-    labels = tuple(label for label, n in beside.items() if n >= 0.1 * len(pairs))
+    labels = tuple(label for label, n in beside.items() if n >= least)
     kept = ((n, found) for n, found in pairs if found.keys() & numeric and found.keys() <= set(labels))
     cells = ((n, tuple(found.get(label, "") for label in labels)) for n, found in kept)
     rows = tuple(row for row in cells if any(kinds[cell] in NUMERIC for cell in row[1]))
