@@ -137,7 +137,8 @@ class LiveLines:
     def _judged(self, event: LineEvent) -> LineEvent:
         """A line as it is read where it may show another program; while a board starts, damage is boot text."""
         # Where each line names its values, a row of bare numbers is text, but still shows another program.
-        unknown = event.kind == "text" and (self.layout is None or _are_numbers(event.text))
+        names = self.layout is not None and self.layout.form.kind == "table" and _are_names(event.text)
+        unknown = event.kind == "text" and (self.layout is None or names or _are_numbers(event.text))
         if event.kind == "comment" and self._names_columns(event.text):
             self._names = event.text.lstrip("#").strip()
         if unknown or event.kind in {"row", "rejected"}:

@@ -6,6 +6,7 @@ The file reader, stdin and the live port all end here, so that a recording and t
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
@@ -33,6 +34,8 @@ Kind = Literal["row", "rejected", "blank", "comment", "header", "text"]
 _PROSE, TAIL_LINES = 4, 64
 """Words of a line without a digit that is no attempt at a row of a table.
 Rows before a last line without newline by which it is judged."""
+_PAIR = re.compile(r"[:=] ?[-+.0-9]")
+"""What a cell of another program has, `T:21.5`."""
 
 
 @dataclass(frozen=True)
@@ -146,8 +149,8 @@ class LineReader:
 
     def _are_words(self, cells: list[str]) -> bool:
         """Whether cells of a table of several columns are names or remarks, none a number; ERR,ERR is a row."""
-        some = any(cell[:1].isalpha() for cell in cells)
-        return self._width > 1 < len({*cells}) and some and not any(is_number(c, self._form.decimal) for c in cells)
+        numeric = any(is_number(cell, self._form.decimal) or _PAIR.search(cell) for cell in cells)
+        return self._width > 1 < len({*cells}) and not numeric and any(cell[:1].isalpha() for cell in cells)
 
     def _labelled(self, text: str) -> list[str] | None:
         """Cells in column order; a value without a column is an issue; None for prose."""
