@@ -68,11 +68,10 @@ def check_free(path: Path) -> None:
 # through our own reader, a spreadsheet and pandas (`comment="#"`), whatever the board calls its channels.
 
 
-HOST_TIME, DEVICE_TIME, _FORMULA = "host time [s]", "device time", ("=", "+", "-", "@")
-"""Header of the first column.
-Name of the second column, where the board sends its time; its unit follows."""
-_MAX_CELL_LENGTH = 100  # of a header: the reader cuts there
-_MAX_UNIT_LENGTH = 30
+HOST_TIME = "host time [s]"
+"""Header of the first column."""
+DEVICE_TIME = "device time"
+"""Name of the second column, where the board sends its time; its unit follows."""
 
 
 def preamble(source: str, wall: float, *, rejects: bool = False) -> str:
@@ -148,7 +147,7 @@ def _number(value: float) -> str:
 
 def _cell(name: str, unit: str) -> str:
     """`name [unit]`; `name []` where our reader would take a bare name for something else."""
-    unit = one_line(unit.replace("[", " ").replace("]", " "))[:_MAX_UNIT_LENGTH]
+    unit = one_line(unit.replace("[", " ").replace("]", " "))[:30]
     if unit:
         return f"{name} [{unit}]"
     plain = named_column(name) == Column(name) and only_text((name,), ".")
@@ -157,8 +156,8 @@ def _cell(name: str, unit: str) -> str:
 
 def _harmless(name: str) -> str:
     """A name on one line that no spreadsheet takes for a formula."""
-    name = one_line(name)[: _MAX_CELL_LENGTH - 40].rstrip()
-    return f"'{name}" if name.startswith(_FORMULA) else name or "channel"
+    name = one_line(name)[:60].rstrip()  # the reader cuts a header with its unit at 100
+    return f"'{name}" if name.startswith(("=", "+", "-", "@")) else name or "channel"
 
 
 # A file that only grows, by whole lines, whatever the disk does.
@@ -167,9 +166,10 @@ def _harmless(name: str) -> str:
 # write, and those that come until there is space, are counted as lost.
 
 
-SYNC_EVERY_S, RETRY_S = 1.0, 1.0
-"""Pause between two requests that the disk keep what it has, s.
-Pause between two attempts to write to a disk that refuses, s."""
+SYNC_EVERY_S = 1.0
+"""Pause between two requests that the disk keep what it has, s."""
+RETRY_S = 1.0
+"""Pause between two attempts to write to a disk that refuses, s."""
 
 _fdatasync = getattr(os, "fdatasync", os.fsync)
 

@@ -16,9 +16,11 @@ from kalscope.recording import Recording
 
 SHAPES = ("constant", "step", "ramp", "sine", "triangle", "random_walk", "chirp")
 """Noise-free signals. "triangle" sweeps up and down; "chirp" is a sine whose frequency rises tenfold."""
-NOISES, MAX_CHANNELS, MAX_SAMPLES = ("gaussian", "uniform", "triangular", "none"), 16, 50_000_000
-"""Laws of the noise. "triangular" is rand − rand, as in the MATLAB appendix of the noise-reducer paper.
-Samples over all channels: 400 MB per copy."""
+NOISES = ("gaussian", "uniform", "triangular", "none")
+"""Laws of the noise. "triangular" is rand − rand, as in the MATLAB appendix of the noise-reducer paper."""
+MAX_CHANNELS = 16
+MAX_SAMPLES = 50_000_000
+"""Samples over all channels: 400 MB per copy."""
 
 
 @dataclass(frozen=True)

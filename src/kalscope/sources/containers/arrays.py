@@ -6,6 +6,7 @@ import io
 import logging
 import math
 import pickle
+import re
 import struct
 import zipfile
 import zlib
@@ -37,15 +38,9 @@ from kalscope.sources.grammar.timestamps import parse_calendar
 # Named arrays, as MATLAB, HDF5 and TDMS files hold them: those of one group and one length form a table.
 
 
-_RATES = frozenset(
-    "fs fsamp sr srate rate sfreq samplerate samplingrate samplefrequency samplingfrequency samplefreq"  # noqa: SIM905
-    " samplingfreq".split()
-)
-_PERIODS = frozenset(("dt", "ts", "sampleperiod", "samplingperiod", "sampletime", "samplingtime", "sampleinterval"))
+_RATES = re.compile("fs|fsamp|sr|s?rate|sfreq|sampl(e|ing)(rate|freq(uency)?)")
+_PERIODS = re.compile("dt|ts|sampl(e|ing)(period|time)|sampleinterval")
 """Names of scalars, lower case without separators, that give the sample rate in Hz or the period in s."""
-_EPOCH = np.datetime64(0, "us")
-_MAX_PERIOD = 1e6
-"""Longest sample period in s; a larger number is a date, or something else."""
 
 
 @dataclass(frozen=True)
@@ -107,7 +102,7 @@ def _numbers_of(array: Any) -> Array:
     """Numbers; stamps as µs since 1970."""
     array = np.asarray(array)
     if array.dtype.kind == "M":
-        return np.where(np.isnat(array), np.nan, (array - _EPOCH) / np.timedelta64(1, "us"))
+        return np.where(np.isnat(array), np.nan, (array - np.datetime64(0, "us")) / np.timedelta64(1, "us"))
     return array.astype(np.float64)
 
 
@@ -116,8 +111,8 @@ def period_from(name: str, value: float) -> float | None:
     word = "".join(c for c in name.lower() if c.isalnum()).removesuffix("hz")
     if not 0.0 < value < float("inf"):
         return None
-    period = 1.0 / value if word in _RATES else value if word in _PERIODS else None
-    return period if period is not None and period <= _MAX_PERIOD else None
+    period = 1.0 / value if _RATES.fullmatch(word) else value if _PERIODS.fullmatch(word) else None
+    return period if period is not None and period <= 1e6 else None  # a larger number is a date
 
 
 def read_arrays(arrays: Found, part: str | None, name: str, note: str, progress: Progress) -> Table:
@@ -202,7 +197,7 @@ def _width(item: Item, n: int) -> int:
 # HDF5 files, read by h5py: the datasets of one length in a group. Nothing outside the file is read.
 
 
-_MAX_DATASETS, _MAX_DEPTH = 2000, 12
+_MAX_DEPTH = 12
 _UNITS = ("unit", "units", "Unit", "Units", "UNITS", "unit_string", "NI_UnitDescription")
 
 
@@ -227,7 +222,7 @@ def read_hdf5(path: Path, name: str, part: str | None, progress: Progress) -> Ta
             unit = next((text for word in _UNITS if (text := _text(node.attrs.get(word)))), "")
             periods = (period for name, value in _numbers(node) if (period := period_from(name, value)))
             found.add(key, group, node, unit, next(periods, None))
-        return True if len(found.items) > _MAX_DATASETS or place.count("/") > _MAX_DEPTH else None  # True: stop
+        return True if len(found.items) > 2000 or place.count("/") > _MAX_DEPTH else None  # True: stop
 
     with h5py.File(str(path), "r") as file:
         take("", file)
@@ -250,11 +245,6 @@ def _text(value: Any) -> str:
 
 
 # MATLAB files of version 5 to 7.2, read by SciPy; version 7.3 is HDF5. Nothing in them is ever run.
-
-
-_COMPRESSED, _PIECE = 15, 1 << 26
-"""Type of an element of a file of version 5 that holds a compressed variable.
-Bytes that are unpacked at once to count them."""
 
 
 def read_mat(path: Path, name: str, part: str | None, progress: Progress) -> Table:
@@ -283,9 +273,9 @@ def _count_unpacked(path: Path, progress: Progress) -> None:
     while at + 8 <= len(data):
         kind, size = struct.unpack_from(f"{order}II", data, at)
         unpacker, packed = zlib.decompressobj(), data[at + 8 : at + 8 + size]
-        while kind == _COMPRESSED and packed:
+        while kind == 15 and packed:  # a compressed variable
             progress(0.0, "reading")
-            progress.unpack(len(unpacker.decompress(packed, _PIECE)))
+            progress.unpack(len(unpacker.decompress(packed, 1 << 26)))
             packed = unpacker.unconsumed_tail
         at += 8 + size
 

@@ -21,9 +21,10 @@ from pathlib import Path
 from typing import Any
 
 _CLASSES = re.compile("double|single|logical|struct|u?int(8|16|32|64)")
-MAX_CELLS, MAX_BYTES = 1 << 24, 4 << 30
-"""Cells of one sheet, including empty ones.
-Memory of this process, where the system can limit it."""
+MAX_CELLS = 1 << 24
+"""Cells of one sheet, including empty ones."""
+MAX_BYTES = 4 << 30
+"""Memory of this process, where the system can limit it."""
 
 
 def convert(book_path: str, folder: str) -> None:

@@ -23,8 +23,6 @@ from kalscope.sources.grammar.timestamps import parse_calendar
 
 _X = "X_Value"
 """Name of the columns of x."""
-_EPOCH = datetime(1970, 1, 1)
-_LINES_PER_REPORT = 4096
 
 
 @dataclass
@@ -114,7 +112,8 @@ def read_lvm(path: Path, name: str, part: str | None, progress: Progress) -> Tex
             stamp = [] if time is None else ["" if np.isnan(time[i]) else repr(float(time[i] + shift))]
             values = (cells[j] for j in columns if j < len(cells))  # a short row is rejected by the reader
             written[line] = "\t".join((*stamp, *(cell.replace(decimal, ".") for cell in values)))
-    since = "" if origin is None else f" that starts at {(_EPOCH + timedelta(seconds=origin)).isoformat()}"
+    begin = datetime(1970, 1, 1) + timedelta(seconds=origin or 0.0)
+    since = "" if origin is None else f" that starts at {begin.isoformat()}"
     segments_read = f" of {len(found)} segments" if len(found) > 1 else ""
     return Text(written, (f"a LabVIEW measurement file{segments_read}{since}", *notes), "\t")
 
@@ -127,7 +126,7 @@ def _segments(lines: list[str], progress: Progress) -> tuple[list[_Segment], str
     segments: list[_Segment] = []
     rows: list[tuple[int, list[str]]] | None = None
     for number, line in enumerate(lines):
-        if number % _LINES_PER_REPORT == 0:
+        if number % 4096 == 0:
             progress(number / len(lines), "reading")
         cells = [cell.strip() for cell in line.split(separator)]
         if line.startswith("***") or special:  # special blocks belong to the program that wrote them

@@ -17,9 +17,7 @@ from kalscope.errors import BadFile, KalscopeError
 from kalscope.sources.containers.table import Table, Text
 from kalscope.sources.grammar.line_format import find_object
 
-_LVM, _BEFORE_JSON, _MAX_LINES = b"LabVIEW Measurement", b"\xef\xbb\xbf\xff\xfe\0 \t\r\n", 50
-"""What may precede the first character: byte order marks, blanks, and the empty halves of UTF-16.
-First lines that show whether a file is one JSON document or has one object per line."""
+_LVM = b"LabVIEW Measurement"
 
 Recogniser = Callable[[bytes, str], bool]
 """Whether the head of a file, and its name in lower case, are of a kind."""
@@ -66,7 +64,8 @@ def _is_numpy(head: bytes, name: str) -> bool:
 
 def _is_json_document(head: bytes, name: str) -> bool:
     """The whole file is one value, and not one object on each line."""
-    if head.lstrip(_BEFORE_JSON)[:1] not in (b"{", b"["):
+    # Byte order marks, blanks, and the empty halves of UTF-16 may come first.
+    if head.lstrip(b"\xef\xbb\xbf\xff\xfe\0 \t\r\n")[:1] not in (b"{", b"["):
         return False
     text = head.decode(json.detect_encoding(head), "replace").lstrip("\ufeff \t\r\n")
     if text[:1] == "{" and text[1:].lstrip()[:1] not in ('"', "}", ""):
@@ -74,7 +73,7 @@ def _is_json_document(head: bytes, name: str) -> bool:
     if text[:1] == "[":
         inside = text[1:].lstrip()[:1]
         return inside == "{" or (inside == "[" and name.endswith(".json"))
-    lines = [line for line in text.replace("\r", "\n").split("\n") if line.strip("\0 \t")][:_MAX_LINES]
+    lines = [line for line in text.replace("\r", "\n").split("\n") if line.strip("\0 \t")][:50]
     # The first line may be torn, so other lines must show what the file is.
     return len(lines) == 1 or sum(find_object(line.rstrip(" \t,")) is not None for line in lines) < 2
 

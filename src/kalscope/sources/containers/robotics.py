@@ -23,16 +23,17 @@ from kalscope.errors import BadFile
 from kalscope.sources.containers.arrays import Found, Item, is_numeric, read_arrays
 from kalscope.sources.containers.table import Table, load_library
 
-MAX_CHUNK, MAX_MESSAGE, _MAX_ELEMENTS = 1 << 27, 1 << 16, 64
-"""Bytes of one unpacked chunk; the writers of bags and MCAP begin a new one after 1 to 4 MB.
-Bytes of one message, and elements of one sequence; a longer one holds an image or a scan.
-Elements of an array that are channels."""
+MAX_CHUNK = 1 << 27
+"""Bytes of one unpacked chunk; the writers of bags and MCAP begin a new one after 1 to 4 MB."""
+MAX_MESSAGE = 1 << 16
+"""Bytes of one message, and elements of one sequence; a longer one holds an image or a scan."""
 _MESSAGES_PER_REPORT = 64
 _PACKERS = {b"BZh": "bz2", b"\x04\x22\x4d\x18": "lz4.frame", b"\x28\xb5\x2f\xfd": "zstandard"}
 """Library that unpacks a chunk, by the first bytes of the chunk."""
 _STAMP_NS = {"sec": 10**9, "secs": 10**9, "nanosec": 1, "nsec": 1, "nsecs": 1}
 """Nanoseconds by the parts of a stamp: of ROS 2, of rosbags for ROS 1, and of ROS 1 itself, as JSON may hold it."""
-_ROS1, _ROS2 = "ros1 ros1msg", "cdr ros2msg"
+_ROS1 = "ros1 ros1msg"
+_ROS2 = "cdr ros2msg"
 
 _Type = tuple[str, str, str]
 """Of messages: (encodings of messages and definition, name, definition or "" where the log has none)."""
@@ -201,7 +202,7 @@ def _numbers(value: Any, name: str, found: dict[str, float]) -> dict[str, float]
     if isinstance(plain, (int, float)):
         found[name] = plain
     elif isinstance(plain, list):
-        for i, part in enumerate(plain if len(plain) <= _MAX_ELEMENTS else ()):
+        for i, part in enumerate(plain if len(plain) <= 64 else ()):  # a longer one is an image or a scan
             _numbers(part, f"{name}[{i}]", found)
     else:  # an object of JSON or of rosbags, or a text
         fields: dict[str, Any] = plain if isinstance(plain, dict) else getattr(plain, "__dict__", {})

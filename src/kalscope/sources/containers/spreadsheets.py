@@ -14,7 +14,6 @@ from kalscope.errors import BadFile
 from kalscope.sources.containers import convert
 from kalscope.sources.containers.table import Part, Text, choose_text_part, convert_apart, load_library
 
-_KIND, _ANY_SIZE, _CHUNK = "a spreadsheet", 1 << 62, 1 << 20
 _PLACE = re.compile(rb"""\sr\s?=\s?["']([A-Za-z]{0,3})([0-9]{1,7})["']""")
 
 
@@ -25,7 +24,7 @@ def read_excel(path: Path, name: str, part: str | None, progress: Progress) -> T
         BadFile: no sheet holds numbers, or it is too large.
         BadSetting: there is no such sheet.
     """
-    load_library("python_calamine", "python-calamine", name, _KIND)
+    load_library("python_calamine", "python-calamine", name, "a spreadsheet")
     if zipfile.is_zipfile(path):
         _check_size(path, name, progress.part(0.0, 0.3))
     with temporary_folder() as folder:
@@ -34,20 +33,20 @@ def read_excel(path: Path, name: str, part: str | None, progress: Progress) -> T
         holding = [i for i, sheet in enumerate(said) if sheet["numbers"]]
         parts = [Part(said[i]["name"], said[i]["rows"], said[i]["columns"]) for i in holding]
         chosen, notes, inner = choose_text_part(parts, part, name, "sheet")
-        text = (folder / f"{holding[chosen]}.txt").read_text(encoding="utf-8")
-    return Text(text.removesuffix("\n").split("\n"), (f"{_KIND}; line numbers are its rows", *notes), "\t", inner)
+        text = (folder / f"{holding[chosen]}.txt").read_text(encoding="utf-8").removesuffix("\n")
+    return Text(text.split("\n"), ("a spreadsheet; line numbers are its rows", *notes), "\t", inner)
 
 
 def _check_size(path: Path, name: str, progress: Progress) -> None:
     """Refuse what would fill the memory, by unpacking it once without keeping it: declared sizes may be false."""
     with zipfile.ZipFile(path) as archive:
         for info in archive.infolist():
-            info.file_size = _ANY_SIZE
+            info.file_size = 1 << 62  # any
             del info.CRC  # which would be that of the declared size
             rows = columns = 0
             with archive.open(info) as stream:
                 before = b""
-                while piece := stream.read(_CHUNK):
+                while piece := stream.read(1 << 20):
                     progress(0.5, "unpacking")
                     progress.unpack(len(piece))
                     for letters, digits in _PLACE.findall(before + piece):

@@ -42,9 +42,10 @@ def load_library(module: str, package: str, name: str, kind: str) -> Any:
 # What a container holds: a table of numbers, or text that is read by the rules of text files.
 
 
-MAX_NUMBERS, MAX_COLUMNS = 1 << 28, 256
-"""Most numbers of one table: 2 GiB as float64. A small file can claim any size.
-Most channels of one table; what is wider is a list or an image."""
+MAX_NUMBERS = 1 << 28
+"""Most numbers of one table: 2 GiB as float64. A small file can claim any size."""
+MAX_COLUMNS = 256
+"""Most channels of one table; what is wider is a list or an image."""
 
 
 @dataclass(frozen=True)
@@ -168,10 +169,6 @@ def _listed(parts: Sequence[Part]) -> str:
 # Files at which a library may abort its process are read in another one.
 
 
-_POLL_S = 0.05
-"""Seconds between two checks whether the user has cancelled."""
-
-
 def convert_apart(kind: str, path: Path, folder: Path, progress: Progress) -> None:
     """Have `convert.py` write what a file holds into a folder; its process is killed when the task is cancelled."""
     process = subprocess.Popen(
@@ -185,7 +182,7 @@ def convert_apart(kind: str, path: Path, folder: Path, progress: Progress) -> No
             while process.poll() is None:
                 progress(0.5, "reading")
                 with suppress(subprocess.TimeoutExpired):
-                    process.wait(_POLL_S)
+                    process.wait(0.05)
         except BaseException:  # leaving the block waits for the process, after Ctrl+C as well
             process.kill()
             raise

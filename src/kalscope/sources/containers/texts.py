@@ -30,8 +30,6 @@ MAX_BYTES = 1 << 28
 
 _COSTS = {b",": 60, b":": 60, b"[": 64, b"{": 200}
 """Approximate memory for each occurrence of a mark, bytes: of a value, a name, a list, an object."""
-_TEXTS, _MAX_DEPTH = 3, 8
-"""Copies of its characters in memory: the bytes of the file, its text, and the values."""
 _SEVERAL = re.compile(r"^\}\s{0,99}^\{", re.MULTILINE)
 """Between two objects, each on several lines, that follow each other in one file."""
 Rows = list[dict[str, Any]] | list[list[Any]]
@@ -50,7 +48,8 @@ def read_json_document(path: Path, name: str, part: str | None, progress: Progre
         raise BadFile(f"{name} must be at most {MAX_BYTES} bytes, or hold one object per line (got {size} bytes)")
     progress(0.0, "reading")
     data = path.read_bytes()
-    need = _TEXTS * size + sum(cost * data.count(mark) for mark, cost in _COSTS.items())
+    # Its characters are in memory three times: the bytes of the file, its text, and the values.
+    need = 3 * size + sum(cost * data.count(mark) for mark, cost in _COSTS.items())
     require_memory(need, name, "values of a JSON document", "write one object per line")
     text = data.decode(json.detect_encoding(data), "replace").lstrip("\ufeff \t\r\n")
     if text.startswith("{") and _SEVERAL.search(text):
@@ -80,7 +79,7 @@ def _tables(key: str, value: Any, depth: int) -> Iterator[tuple[str, Rows]]:
     rows = _rows(_list(value)) or _columns(_dict(value)) or _series(_dict(value))
     within = [(key, rows[0])] if len(rows) == 1 else []
     within = within if rows else [(f"{key}.{name}" if key else name, part) for name, part in _dict(value).items()]
-    below = [table for name, part in within if depth < _MAX_DEPTH for table in _tables(name, part, depth + 1)]
+    below = [table for name, part in within if depth < 8 for table in _tables(name, part, depth + 1)]
     yield from below or ([(key or "list", rows)] if rows else [])
 
 
@@ -132,10 +131,9 @@ def _series(value: dict[str, Any]) -> Rows:
 # Zip archives of text tables, as phone apps share them (phyphox, Sensor Logger): one table is read.
 
 
-_SUFFIXES, _MAX_FILES = (".csv", ".tsv", ".txt", ".dat", ".log"), 1000
+_MAX_FILES = 1000
 _PACKINGS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
 """Other methods unpack a whole piece at once: gigabytes from one kilobyte of bzip2."""
-_HEAD_BYTES, _CHUNK = 8192, 1 << 20
 
 
 def read_zip(path: Path, name: str, part: str | None, progress: Progress) -> Text:
@@ -172,19 +170,19 @@ def read_zip(path: Path, name: str, part: str | None, progress: Progress) -> Tex
 
 def _may_be_table(path: PurePosixPath) -> bool:
     """False for other files, and for the dot files in which macOS keeps metadata."""
-    return path.suffix.lower() in _SUFFIXES and not path.name.startswith(".")
+    return path.suffix.lower() in (".csv", ".tsv", ".txt", ".dat", ".log") and not path.name.startswith(".")
 
 
 def _share_of_digits(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> float:
     """By it a table of numbers is told from one of text, such as the properties of a phone."""
     with archive.open(info) as stream:
-        head = stream.read(_HEAD_BYTES)
+        head = stream.read(8192)
     return sum(head.count(digit) for digit in b"0123456789") / max(1, len(head))
 
 
 def _pieces(path: Path, table: zipfile.ZipInfo, name: str) -> Iterator[bytes]:
     try:
         with zipfile.ZipFile(path) as archive, archive.open(table) as stream:
-            yield from iter(partial(stream.read, _CHUNK), b"")
+            yield from iter(partial(stream.read, 1 << 20), b"")
     except (zipfile.BadZipFile, zlib.error, EOFError) as damage:
         raise BadFile(f"{name} cannot be read as a zip archive: {one_line(str(damage))}") from None

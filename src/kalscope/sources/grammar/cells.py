@@ -44,7 +44,7 @@ _CONTROL = re.compile(r"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f]")
 DAMAGED = "\0"
 """Replaces a damaged line in sniffing: it counts as a line that is not a row, and costs nothing."""
 _RUN_OF_SPACES = re.compile(r"[ \t]+")
-_TOUCHING, _OF_NUMBERS = re.compile(r"(\.[0-9]{1,20}(?:E[-+][0-9]{2})?)(?=-[0-9]?\.[0-9])"), "0123456789.+-E \t"
+_TOUCHING = re.compile(r"(\.[0-9]{1,20}(?:E[-+][0-9]{2})?)(?=-[0-9]?\.[0-9])")
 """Where columns of Fortran meet, `1.10477E+00-2.33183E-03`, on lines of such numbers alone."""
 
 
@@ -90,7 +90,7 @@ def _split(line: str, delimiter: str) -> list[str]:
         except csv.Error:  # a stray quote, or a cell above the module's limit
             pass
     if delimiter == " ":
-        text = _TOUCHING.sub(r"\1 ", text) if "E" in text and not text.strip(_OF_NUMBERS) else text
+        text = _TOUCHING.sub(r"\1 ", text) if "E" in text and not text.strip("0123456789.+-E \t") else text
         cells = _RUN_OF_SPACES.split(text) if text else []
         if cells and cells[0][-1:] == ":" and cells[0][:-1].isdecimal():
             cells[0] = cells[0][:-1]  # RRDtool
@@ -212,10 +212,8 @@ _UNITS = words(
     $ € £ ¥ farad f/m kb gb kib mib gib ut µt mt tesla gauss l ml liter liters litre litres l/min bpm no_units
     """
 )
-_SPELLED = {"second": "s", **dict.fromkeys(("-", "--", "no_units", "unitless"), "")} | {
-    **dict.fromkeys(("volt", "volts"), "V"),
-    **dict.fromkeys(("ampere", "amperes", "amp", "amps"), "A"),
-}
+_SPELLED_OF = {"s": "second", "V": "volt volts", "A": "ampere amperes amp amps", "": "- -- no_units unitless"}
+_SPELLED = {word: symbol for symbol, said in _SPELLED_OF.items() for word in said.split()}
 """Units in lower case that are written as their symbols."""
 MAX_UNIT = 24
 """Most characters of a unit that is recognised only by a sign such as / or °."""

@@ -80,12 +80,14 @@ def _text(value: Any) -> str:
 
 Pairs = list[tuple[str, str]]
 
-MAX_LABEL, MAX_PARTS = 60, 2048
-"""Length of a label of several words, and commas, semicolons and tabs of a line."""
+MAX_PARTS = 2048
+"""Commas, semicolons and tabs of a line."""
 
-_BETWEEN_PAIRS, _BUT_COMMAS = re.compile(r"[,;&|\t]"), re.compile(r"[;&|\t]")
+_BETWEEN_PAIRS = re.compile(r"[,;&|\t]")
+_BUT_COMMAS = re.compile(r"[;&|\t]")
 _AFTER_LIST = re.compile(r"(, ?[-+0-9.]{1,20}) (?=[A-Za-z_]{1,30}[:=])")
-_COMMA_IN_NUMBER, _POINT_IN_NUMBER = re.compile(r"[0-9],[0-9]"), re.compile(r"[0-9]\.[0-9]")
+_COMMA_IN_NUMBER = re.compile(r"[0-9],[0-9]")
+_POINT_IN_NUMBER = re.compile(r"[0-9]\.[0-9]")
 _WORD = re.compile(r'(?:[^\s"]|"[^"]*")++')
 _LEVEL = re.compile(r"\[?(?:TRACE|DEBUG|INFO|NOTICE|WARN|WARNING|ERROR)\]?:?[ \t]+")
 """What a logger writes before its text."""
@@ -110,9 +112,10 @@ _TOPIC = re.compile(r"([A-Za-z$][^\s,;:=\"{/]{0,99}/[^\s,;:=\"{]{0,200}) (\S{1,4
 """`home/barn/temperature 21.5`: what mosquitto_sub -v writes."""
 _REMARK = re.compile(r"[ \t]\([a-z0-9][^()]{1,80}\)$")
 """`Core 0: +42.0°C  (high = +80.0°C, crit = +100.0°C)`: lm-sensors."""
-_OF, _CELL = re.compile(r"(?<![/0-9.])([0-9.]{1,12}) ?/([0-9.]{1,12})(?![/0-9.])"), re.compile(r'[,;](?! )|"')
-"""A value and what it is compared with: `T:20.9 /210.0` of Marlin, `Quality=43/70`.
-What shows that the text before an object is a cell of a table, not what a logger writes."""
+_OF = re.compile(r"(?<![/0-9.])([0-9.]{1,12}) ?/([0-9.]{1,12})(?![/0-9.])")
+"""A value and what it is compared with: `T:20.9 /210.0` of Marlin, `Quality=43/70`."""
+_CELL = re.compile(r'[,;](?! )|"')
+"""What shows that the text before an object is a cell of a table, not what a logger writes."""
 _MAX_PREFIX = 240
 """Characters before the object of `tele/barn/SENSOR = {"Temperature": 21.5}`."""
 
@@ -188,7 +191,7 @@ def _pairs(text: str, mark: str) -> Pairs | None:
         if not values and (not body or " " not in label):  # nothing, or a text
             values, rest = [" ".join(body[:1])], body[1:]
         unread = bool(rest) and (k == len(groups) or any(map(is_number, rest)))
-        if not 0 < len(label) <= MAX_LABEL or is_number(label) or not values or unread or values[0][:1] == "=":
+        if not 0 < len(label) <= 60 or is_number(label) or not values or unread or values[0][:1] == "=":
             return None
         pairs += [(label if n == 1 else f"{label} {n}", value.strip('"')) for n, value in enumerate(values, 1)]
         label = " ".join(rest + begin)

@@ -170,14 +170,12 @@ CLOCK_PARSERS: dict[ClockForm, Callable[[str], float | None]] = {
 DateOrder = Literal["ymd", "dmy", "mdy"]
 """Which of year, month and day comes first, second and third."""
 
-_PIVOT_YEAR = 69
-"""Two-digit years from here on are 19xx, as in POSIX; those below are 20xx."""
-
 _EPOCH = datetime(1970, 1, 1)
 _EPOCH_UTC = datetime(1970, 1, 1, tzinfo=UTC)
 DAY_US = 86400e6
 
-_WORD, _GAP = r"[^\W\d_]{3,10}", r"(?:st|nd|rd|th)?[-/., ]{1,2}(?:of )?"
+_WORD = r"[^\W\d_]{3,10}"
+_GAP = r"(?:st|nd|rd|th)?[-/., ]{1,2}(?:of )?"
 _DAY = re.compile(
     r"([0-9]{1,4})[-/.]([0-9]{1,2})[-/.]([0-9]{1,4})|(?:([^\W\d_]{2,10})[.,]{0,2} {1,2})?"
     rf"(?:([0-9]{{1,4}}){_GAP}({_WORD}){_GAP}([0-9]{{1,4}})|({_WORD}){_GAP}([0-9]{{1,2}}){_GAP}([0-9]{{1,4}}))"
@@ -194,7 +192,8 @@ _YEAR_LAST = re.compile(
 _CLOCK_FIRST = re.compile(r"^([0-9]{1,2}:.{2,24}?),? ([0-9]{1,4}[-/.][0-9]{1,2}[-/.][0-9]{1,4})")
 _WEEKDAY_BETWEEN = re.compile(r"(?<=[0-9]) \([A-Za-z]{3,10}\) ")
 _CHINESE = str.maketrans({"年": "-", "月": "-", "日": "", "时": ":", "時": ":", "分": ":", "秒": ""})
-_HALF_FIRST, _AFTERNOON = re.compile(r"(\w{2}) ?([0-9]{1,2}:[0-9:]{2,5})"), ("오후", "下午", "午後")
+_HALF_FIRST = re.compile(r"(\w{2}) ?([0-9]{1,2}:[0-9:]{2,5})")
+_AFTERNOON = ("오후", "下午", "午後")
 _SPACED = re.compile(r"^([0-9]{1,4})\. ([0-9]{1,2})\. ([0-9]{1,4})\.?")
 _MONTH = re.compile(r"[12][0-9]{3}[-/][0-9]{1,2}")
 
@@ -287,7 +286,7 @@ def _with_rest(day: float, rest: str) -> float | None:
 @lru_cache(maxsize=4096)
 def day_us(year: int, month: int, day: int) -> float | None:
     """Microseconds from 1970 to a day, of a year of two or four digits; None for 31 February."""
-    year += 0 if year > 99 else 1900 if year >= _PIVOT_YEAR else 2000
+    year += 0 if year > 99 else 1900 if year >= 69 else 2000  # as in POSIX
     try:
         return (date(year, month, day) - _EPOCH.date()).days * DAY_US
     except ValueError:
@@ -343,9 +342,6 @@ def _check_format(form: str) -> None:
 # Whether a cell is a stamp at all, whatever its form.
 
 
-_MIN_DATE_LENGTH = 6
-
-
 def is_stamp(cell: str) -> bool:
     """True where the cell is a date, a clock, an elapsed time or a date with a clock; never for a plain number."""
     digits = sum(map(cell.count, "0123456789"))
@@ -354,19 +350,18 @@ def is_stamp(cell: str) -> bool:
     if digits < 3 or not is_marked or not cell[0].isalnum() or len(cell) > MAX_STAMP_LENGTH:
         return False
     orders: tuple[DateOrder, ...] = ("ymd",) if cell[:4].isdecimal() else _ORDERS
-    is_date = len(cell) >= _MIN_DATE_LENGTH and any(parse_calendar(cell, order) is not None for order in orders)
+    is_date = len(cell) >= 6 and any(parse_calendar(cell, order) is not None for order in orders)
     return is_date or any(CLOCK_PARSERS[form](cell) is not None for form in _CLOCK_FORMS)
 
 
 # How well stamps show that they are the time: fill, order, resolution, evenness.
 
 
-MAX_BACK, MIN_EVEN = 0.25, 0.9
-"""Share of steps back with which numbers may be a time whose name is clear.
-Share of alike steps of a ramp that is a time although no name says it."""
-_WEIGHT_FILL, _WEIGHT_BACK = 10.0, 20.0
-_WEIGHT_DISTINCT, _WEIGHT_EVEN = 3.0, 1.0
-_EVEN_WITHIN, _EXACT_WITHIN = 0.2, 0.001
+MAX_BACK = 0.25
+"""Share of steps back with which numbers may be a time whose name is clear."""
+MIN_EVEN = 0.9
+"""Share of alike steps of a ramp that is a time although no name says it."""
+_EVEN_WITHIN = 0.2
 
 
 @dataclass(frozen=True)
@@ -387,8 +382,7 @@ class Evidence:
     @property
     def weight(self) -> float:
         """Points of a candidate; those for its name and form are added."""
-        lost = _WEIGHT_FILL * (1.0 - self.fill) + _WEIGHT_BACK * self.back
-        return _WEIGHT_DISTINCT * self.distinct + _WEIGHT_EVEN * self.even - lost
+        return 3.0 * self.distinct + self.even - (10.0 * (1.0 - self.fill) + 20.0 * self.back)
 
     @property
     def steadiness(self) -> tuple[float, float, float]:
@@ -409,7 +403,7 @@ def judge(stamps: Array, column: TimeColumn | None = None) -> Evidence:
     steps = steps if ahead >= back else -steps
     usual = float(np.median(np.abs(steps[steps != 0])))
     off = np.abs(steps - usual) / usual
-    even, exact = (float(np.mean(off <= share)) for share in (_EVEN_WITHIN, _EXACT_WITHIN))
+    even, exact = (float(np.mean(off <= share)) for share in (_EVEN_WITHIN, 0.001))
     share = min(ahead, back) / moving
     if share > MAX_BACK and in_order_is_even(read):
         share = MAX_BACK
@@ -504,12 +498,7 @@ def times(count: int) -> str:
 
 
 _CLOCK_FORMS: tuple[ClockForm, ...] = ("h:m:s", "elapsed", "h:mm")
-_LATE_US, _ROUND_US = 23 * 3600e6, 300e6
-"""A log that begins at 00:00 and ends after 23:00, or whose stamps are multiples of 5, has hours and minutes."""
 _ORDERS: tuple[DateOrder, ...] = ("ymd", "dmy", "mdy")
-_DIGITS, _LIKELY_HOURS = (8, 10, 12, 14), ("19", "20")
-"""Digits of YYYYMMDD, YYYYMMDDHH, YYYYMMDDHHMM and YYYYMMDDHHMMSS.
-Centuries of YYYYMMDDHH whose rows may be few; those of 18… are also seconds since 1970, from 2027 on."""
 
 
 @dataclass(frozen=True)
@@ -582,9 +571,10 @@ def _clock(read: dict[TimeColumn, Array], example: str, unit: str) -> TimeColumn
     if not {"elapsed", "h:mm"} <= form.keys():
         return best
     stamps = read[form["h:mm"]][np.isfinite(read[form["h:mm"]])]
-    is_short = "h:m:s" not in form or (stamps[0] == 0 and stamps.max() < _LATE_US)
+    # A log that begins at 00:00 and ends after 23:00, or whose stamps are multiples of 5, has hours and minutes.
+    is_short = "h:m:s" not in form or (stamps[0] == 0 and stamps.max() < 23 * 3600e6)
     words, option = ["hours and minutes", "minutes and seconds"], "%M:%S"
-    if unit in ("s", "min") or (not unit and is_short and bool(np.any(stamps % _ROUND_US))):
+    if unit in ("s", "min") or (not unit and is_short and bool(np.any(stamps % 300e6))):
         best, words, option = form["elapsed"], words[::-1], "%H:%M"
     elif "h:m:s" not in form:
         best = form["h:mm"]
@@ -600,13 +590,14 @@ def _are_dates_in_digits(counted: list[str], name: TimeName) -> bool:
     """
     size = len(counted[0]) if counted else 0
     cells = [cell for cell in counted if len(cell) == size and cell.isascii() and cell.isdecimal()]
-    if size not in _DIGITS or len(cells) < 0.9 * len(counted):
+    if size not in (8, 10, 12, 14) or len(cells) < 0.9 * len(counted):
         return False
     stamps = _stamps(cells, parse_calendar)
     if np.count_nonzero(np.isfinite(stamps)) < 0.9 * len(counted):
         return False
     named = name.is_date or (name.strength == 2 and size > 8)
-    if named and (size != 10 or all(cell.startswith(_LIKELY_HOURS) for cell in cells)):
+    # Ten digits that begin with 18 are also seconds since 1970, from 2027 on.
+    if named and (size != 10 or all(cell.startswith(("19", "20")) for cell in cells)):
         return True
     return judge(stamps).steadiness > judge(np.array(cells, dtype=np.float64)).steadiness
 
@@ -636,7 +627,6 @@ def _stamps(cells: Sequence[str], parse: StampParser) -> Array:
 # Which columns of a log hold its time, and the function that reads the stamp of a row.
 
 
-TimeKind = Literal["number", "calendar", "clock"]
 DatePart = Literal["date", "year", "month", "day", "day of year"]
 ClockPart = Literal["clock", "hour", "minute", "second", "millisecond"]
 PartRole = DatePart | ClockPart | Literal["turns", "rest"]
@@ -664,7 +654,7 @@ class TimeColumn:
 
     index: int
     """Column of the stamp, or of the first of its parts, from 0."""
-    kind: TimeKind
+    kind: Literal["number", "calendar", "clock"]
     """Numbers, calendar stamps, or clock times without a date; the last two are read as microseconds."""
     unit: str = ""
     """Unit of a numeric stamp, a key of SECONDS_PER_UNIT; "" is decided by magnitude."""

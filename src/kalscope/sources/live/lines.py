@@ -19,15 +19,12 @@ from kalscope.sources.reading.line_parser import LineParser
 from kalscope.sources.reading.line_reader import LineEvent
 from kalscope.sources.reading.sniffer import Layout
 
-BOOT_SECONDS, _SILENCE, _MAX_REJECTED_RUN = 2.0, 0.3, 32
-"""Seconds after an opening in which a board may restart: a line that is not a row is then boot text, not damage.
-Seconds without a byte after which a new line begins: a line is sent in one go.
-Successive rejected lines after which the board is assumed to run another program."""
-_ODD_SHARE, _MIN_BYTES_JUDGED = 0.25, 200
+BOOT_SECONDS = 2.0
+"""Seconds after an opening in which a board may restart: a line that is not a row is then boot text, not damage."""
+_MAX_REJECTED_RUN = 32
+"""Successive rejected lines after which the board is assumed to run another program."""
 
 _ODD = bytes(set(range(256)) - set(range(32, 127)) - set(b"\t\r\n"))
-_NUMBER_MARKS = "0123456789+-.eE,;|[]() \t"
-_LINE_END, _CELL_END = re.compile(rb"\r\n?|\n"), re.compile(r"[,;|\s]+")
 # What the ROM of an ESP chip prints before any program runs; some of it reads as name:value pairs.
 _BOOT_TEXT = re.compile(r"0x[0-9A-Fa-f]{2}|^ets [A-Z][a-z]{2} |^mode:[A-Z]+, clock div:")
 
@@ -74,7 +71,7 @@ class LiveLines:
     @property
     def wrong_baud(self) -> bool:
         """True where many bytes came since the last row, and more than a quarter of them odd."""
-        return self._bytes >= _MIN_BYTES_JUDGED and self._odd > _ODD_SHARE * self._bytes
+        return self._bytes >= 200 and self._odd > 0.25 * self._bytes
 
     def opened(self, at: float, starts: Start = "inside a line", *, keeps: bool = False) -> None:
         """The port was opened at the monotonic time `at`, s; `starts` and `keeps` are those of `Opened`."""
@@ -98,7 +95,7 @@ class LiveLines:
     def overrun(self, data: bytes) -> int:
         """These bytes were left out: how many lines end in them, the one that was being received included."""
         cr = b"\r" if self._last == b"\r" else b""  # an LF after it ends no other line
-        count = len(_LINE_END.findall(cr + data)) - len(cr)
+        count = len(re.findall(rb"\r\n?|\n", cr + data)) - len(cr)
         self._last = data[-1:]
         self._parser.restart(self._last)
         self._skip, self._whole = self._last not in (b"\n", b"\r"), False
@@ -111,7 +108,7 @@ class LiveLines:
         """The lines that are complete. Take them all before the next bytes."""
         parser, rows = self._parser, self.counts.accepted
         self._boot = received.end - self._opened <= BOOT_SECONDS
-        if received.silence > _SILENCE:
+        if received.silence > 0.3:  # s; a line is sent in one go
             if not parser.is_inside_line:
                 self._whole = True
             elif self._boot:
@@ -199,11 +196,11 @@ class LiveLines:
 
 def _are_numbers(text: str) -> bool:
     """True for a line of nothing but the characters of numbers."""
-    return any(c.isdigit() for c in text) and not text.strip(_NUMBER_MARKS)
+    return any(c.isdigit() for c in text) and not text.strip("0123456789+-.eE,;|[]() \t")
 
 
 def _are_names(text: str) -> bool:
     """True for a line of distinct names, of which none is a number."""
-    cells = [cell for cell in _CELL_END.split(text.strip()) if cell]
+    cells = [cell for cell in re.split(r"[,;|\s]+", text.strip()) if cell]
     named = all(re.match(r"[A-Za-z_µ(\[\"]", cell) and ":" not in cell for cell in cells)
     return bool(cells) and named and text.isprintable() and len(set(cells)) == len(cells)

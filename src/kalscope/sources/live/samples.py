@@ -91,14 +91,8 @@ class SampleStore:
 # comes out never steps back, and after a pause it is the true time again.
 
 
-_LOOK, _SOON, _TICK = 0.2, 64, 1e-6
-"""Seconds of host time after which the unit of a stamp is judged, if the board does not name it.
-Rows after which it is judged anyway: a replay may come much faster than it was sampled.
-Least step of host time, s."""
-_COUNTER, _STEPS, _PAUSE = 2.0**32, 4096, 0.5
-"""Stamps after which a counter of 32 bits wraps: that of `micros()` does every 72 minutes.
-Steps from which period and jitter are judged.
-Seconds without a line that are a pause and not a step, unless the lines come that slowly."""
+_TICK = 1e-6
+"""Least step of host time, s."""
 
 
 @dataclass(frozen=True)
@@ -137,7 +131,7 @@ class LiveTime:
         self._stamp = math.nan  # in s, of the last row whose stamp was accepted
         self._offset = 0.0  # time of a row is its stamp plus this
         self._doubted = self._broken = False
-        self._steps: deque[float] = deque(maxlen=_STEPS)
+        self._steps: deque[float] = deque(maxlen=4096)
 
     def interrupt(self) -> None:
         """Note an interruption before the next row."""
@@ -181,13 +175,13 @@ class LiveTime:
         median = float(np.median(steps))
         if self._scale and median > 10 * self._scale:
             return median
-        longest = 5 * max(median, self._scale) if self._scale else max(_PAUSE, 20 * steps.mean())
+        longest = 5 * max(median, self._scale) if self._scale else max(0.5, 20 * steps.mean())
         return float(steps[steps <= longest].mean()) or median or None
 
     def _is_scale_known(self, rows: Sequence[ArrivedRow]) -> bool:
         """Whether it was found what one unit of the stamps is, or that they are not a time."""
         host, stamps = rows[-1].host - rows[0].host, np.array([row.stamp for row in rows])
-        if len(rows) < 2 or (host < _LOOK and len(rows) < _SOON):
+        if len(rows) < 2 or (host < 0.2 and len(rows) < 64):  # a replay may come much faster than it was sampled
             return False
         span = float(stamps[-1] - stamps[0])
         if span > 0 and self._file_period:
@@ -238,7 +232,7 @@ class LiveTime:
         step = stamp - self._stamp
         if self._turn_s:
             return self._turn_s if step < -self._turn_s / 2 else 0.0
-        turn = _COUNTER * (self._scale or 1.0)
+        turn = 2.0**32 * (self._scale or 1.0)  # that of micros() takes 72 minutes
         wraps = step < 0 <= stamp and not self._file_period and abs(step + turn - waited) <= 1.0 + 0.5 * waited
         return turn if wraps else 0.0
 
@@ -248,9 +242,8 @@ class LiveTime:
 # Not thread-safe: the owner holds a lock around each call.
 
 
-MAX_NUMBERS, _PERIOD_MOVES = 1 << 25, 0.005
-"""Most numbers of one board that are sure to be kept, 256 MiB: with more than 32 channels, fewer samples each.
-A smaller change of the period, as a share of it, is not shown: what is derived from it would flicker."""
+MAX_NUMBERS = 1 << 25
+"""Most numbers of one board that are sure to be kept, 256 MiB: with more than 32 channels, fewer samples each."""
 
 
 @dataclass(frozen=True)
@@ -319,7 +312,8 @@ class LiveSamples:
         notes = self._layout.notes if self._layout else ()
         report = ReadReport(counts.received, counts.accepted, counts.rejected, comments=counts.dropped, notes=notes)
         period, url = self.time.period, self._spec.url
-        if not period or not self._period or abs(period / self._period - 1) > _PERIOD_MOVES:
+        # What is derived from the period would flicker.
+        if not period or not self._period or abs(period / self._period - 1) > 0.005:
             self._period = period
         time, values = store.views()
         held = time, self._names, self._units, values, self._period

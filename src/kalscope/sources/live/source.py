@@ -38,14 +38,14 @@ from kalscope.sources.recorder import Recorder, StampedLine
 # Commands to a board: one line is sent, lines with # that follow are the reply.
 
 
-MAX_COMMAND_BYTES, ANSWER_S, _TICK = 63, 5.0, 0.1
-"""Bytes of one line to the board, newline included: the receive buffer of an AVR holds 64.
-Seconds within which a board answers.
-Seconds between two checks whether the caller still waits."""
-_REPLY_PAUSE, _MAX_REPLY_S, _MAX_REMARKS = 1.0, 2.0, 1000
-"""Seconds without any line after which a reply is complete; the next sample completes it at once.
-Seconds after which it is taken as complete anyway: a board may send without end.
-Remarks that may wait for a listener; further ones are dropped."""
+MAX_COMMAND_BYTES = 63
+"""Bytes of one line to the board, newline included: the receive buffer of an AVR holds 64."""
+ANSWER_S = 5.0
+"""Seconds within which a board answers."""
+_REPLY_PAUSE = 1.0
+"""Seconds without any line after which a reply is complete; the next sample completes it at once."""
+_MAX_REPLY_S = 2.0
+"""Seconds after which it is taken as complete anyway: a board may send without end."""
 
 
 class Remark(str):
@@ -87,13 +87,13 @@ class CommandChannel:
         if len(data) > MAX_COMMAND_BYTES or not line.isprintable():
             raise BadSetting(f"commands must be lines of at most {MAX_COMMAND_BYTES - 1} bytes (got {line!r:.80})")
         with self._one_at_a_time:
-            self._remarks, self._is_gone = Queue(_MAX_REMARKS), False
+            self._remarks, self._is_gone = Queue(1000), False  # further ones are dropped
             try:
                 self._write(data)
                 replies, end = list[str](), time.monotonic() + timeout
                 while time.monotonic() < end:
                     try:
-                        remark = self._remarks.get(timeout=_REPLY_PAUSE if replies else min(timeout, _TICK))
+                        remark = self._remarks.get(timeout=_REPLY_PAUSE if replies else min(timeout, 0.1))
                     except Empty:
                         remark = Remark()
                     if replies and not remark:
@@ -139,10 +139,8 @@ class CommandChannel:
 # The status of a live source: its counts, and a sentence for the user if something is wrong.
 
 
-_RATE_OVER, _SILENT_AFTER, _MIN_LINES_JUDGED = 2.0, 5.0, 20
-"""Seconds over which the lines per second are averaged.
-Seconds after which a source that should send is reported as silent.
-Lines among which one with numbers is expected."""
+_SILENT_AFTER = 5.0
+"""Seconds after which a source that should send is reported as silent."""
 
 
 @dataclass(kw_only=True)
@@ -168,10 +166,10 @@ class LiveStatus(LineCounts):
 # The source.
 
 
-MAX_WAITING_BYTES, TICK, _PART_OF_A_LINE = 1 << 20, 0.1, 0.25
-"""Bytes that may wait to be parsed: 91 s of a port at 115200 baud. Beyond that lines are left out.
-Seconds without a line after which the second thread updates the recorder and the rate.
-Most seconds before a read in which its first line may have begun to arrive."""
+MAX_WAITING_BYTES = 1 << 20
+"""Bytes that may wait to be parsed: 91 s of a port at 115200 baud. Beyond that lines are left out."""
+TICK = 0.1
+"""Seconds without a line after which the second thread updates the recorder and the rate."""
 
 
 class LiveSource:
@@ -298,7 +296,7 @@ class LiveSource:
             return "the data is not text" + (f": is {reader.spec.baud} the right baud rate?" if has_baud else "")
         if reader.state.word == "connected" and counts.overrun:
             return f"the port sends faster than it can be read: {count(counts.overrun)} lines dropped"
-        is_text = reader.state.word == "connected" and counts.received > _MIN_LINES_JUDGED and not counts.accepted
+        is_text = reader.state.word == "connected" and counts.received > 20 and not counts.accepted
         return "lines arrive, but none has numbers" if is_text else ""
 
     def record(self, path: str | os.PathLike[str]) -> Recorder:
@@ -406,7 +404,8 @@ class LiveSource:
         self._note_rate(received.end)
         if not batch:
             return
-        begin, self._line_at = max(self._line_at, received.begin - _PART_OF_A_LINE), received.end
+        # The first line may have begun to arrive up to 0.25 s before.
+        begin, self._line_at = max(self._line_at, received.begin - 0.25), received.end
         moments = np.linspace(begin, received.end, len(batch) + 1)[1:].tolist()
         stamped = [(at, event, layout) for at, (event, layout) in zip(moments, batch, strict=True)]
         self._write(stamped)
@@ -421,7 +420,7 @@ class LiveSource:
     def _note_rate(self, at: float) -> None:
         arrived = self._arrived
         arrived.append((at, self._lines.counts.received))
-        while at - arrived[0][0] > _RATE_OVER:
+        while at - arrived[0][0] > 2.0:  # s
             arrived.popleft()
         (begin, before), (_, received) = arrived[0], arrived[-1]
         self._lines_per_s = (received - before) / (at - begin) if at > begin else 0.0

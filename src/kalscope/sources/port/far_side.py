@@ -20,13 +20,16 @@ import select
 import stat
 import sys
 
-MARK, DEVICE, MAX_SILENCE = b"\0kalscope ", -1, 15
-"""Precedes the first answer: what a login shell prints before it is skipped.
-The answer for a serial port, in place of a position.
-Seconds without a byte on standard input after which a port is given up."""
-PIECE, MAX_BEFORE, _POLL = 8_192, 64, 0.1
-"""Bytes of one read of a file.
-Bytes before a position in a file by which the position is recognised."""
+MARK = b"\0kalscope "
+"""Precedes the first answer: what a login shell prints before it is skipped."""
+DEVICE = -1
+"""The answer for a serial port, in place of a position."""
+MAX_SILENCE = 15
+"""Seconds without a byte on standard input after which a port is given up."""
+PIECE = 8_192
+"""Bytes of one read of a file."""
+MAX_BEFORE = 64
+"""Bytes before a position in a file by which the position is recognised."""
 
 
 class GrowingFile:
@@ -119,7 +122,7 @@ def serve(device: int, file: GrowingFile | None) -> None:
     inputs, data = [0, device] if file is None else [0], b""
     signal.alarm(MAX_SILENCE)  # ends this program, also while a write waits
     while True:
-        ready = select.select(inputs, [], [], 0 if data else _POLL)[0]
+        ready = select.select(inputs, [], [], 0 if data else 0.1)[0]
         if 0 in ready:
             sent = os.read(0, 4096)
             if not sent:

@@ -29,14 +29,14 @@ if TYPE_CHECKING:
 
 MAX_SHOWN = 200
 """Bytes of a binary message that are passed on, as one line that is then rejected."""
-_BINARY, _LINE_END = re.compile(rb"[\x00-\x08\x0e-\x1a\x1c-\x1f\x7f]"), re.compile(r"[\r\n]+")
+_BINARY = re.compile(rb"[\x00-\x08\x0e-\x1a\x1c-\x1f\x7f]")
 
 
 def lines_of(data: bytes) -> bytes:
     r"""The lines of one message, each with its \n; b"" for none. A binary one is one line, to be rejected."""
     if _BINARY.search(data):
         return b"\0" + data[:MAX_SHOWN].replace(b"\r", b" ").replace(b"\n", b" ") + b"\n"
-    lines = _LINE_END.split(data.decode("utf-8", "replace"))
+    lines = re.split(r"[\r\n]+", data.decode("utf-8", "replace"))
     return "".join(f"{_marked(line)}\n" for line in lines if line.strip()).encode()
 
 
@@ -87,11 +87,10 @@ class MessagePort(OpenPort):
 # topics each value becomes a line of Teleplot, `>barn/temperature:21.5`, so that topics may come and go.
 
 
-MAX_PAYLOAD, MAX_TOPIC = 65_536, 200
-"""Bytes of one payload, as of one line: a larger one is a picture or a file.
-Characters of the name that a topic gives to its channels; the rest is cut off."""
-
-_CELLS, _NO_NAME = re.compile(r"[,;\s]+"), re.compile(r"[:;>|§\x00-\x1f\x7f]")
+MAX_PAYLOAD = 65_536
+"""Bytes of one payload, as of one line: a larger one is a picture or a file."""
+MAX_TOPIC = 200
+"""Characters of the name that a topic gives to its channels; the rest is cut off."""
 
 
 def topic_lines(subscribed: str, topic: str, payload: bytes) -> bytes:
@@ -119,7 +118,7 @@ def topic_lines(subscribed: str, topic: str, payload: bytes) -> bytes:
 
 def _printable(name: str) -> str:
     """A name without the marks of a line of Teleplot: a MAC address is AA_BB, not AA:BB."""
-    return _NO_NAME.sub("_", name)[:MAX_TOPIC]
+    return re.sub(r"[:;>|§\x00-\x1f\x7f]", "_", name)[:MAX_TOPIC]
 
 
 def _line(name: str, value: str) -> bytes:
@@ -130,7 +129,7 @@ def _values(text: str) -> list[tuple[str, str, str]]:
     """(end of the name, number, unit) of each value of a payload: a number, named values, or a list of numbers."""
     if measure := _measure(text):
         return [("", *measure)]
-    found, cells = find_pairs(text), _CELLS.split(text.strip("[] "))
+    found, cells = find_pairs(text), re.split(r"[,;\s]+", text.strip("[] "))
     if found is not None:
         pairs = [(f".{label}", value) for label, value in found]
     else:
@@ -150,11 +149,11 @@ def _measure(text: str) -> tuple[str, str] | None:
 # where it was lost. A session ends with its connection: what is published while there is none is never delivered.
 
 
-PORT, TLS_PORT = 1883, 8883
+PORT = 1883
+TLS_PORT = 8883
 """Ports of mqtt:// and mqtts:// where the address names none."""
-KEEP_ALIVE, _REFUSED = 15, 128
-"""Seconds without a packet after which the broker is pinged.
-The lowest reason code of MQTT by which a broker refuses."""
+_REFUSED = 128
+"""The lowest reason code of MQTT by which a broker refuses."""
 
 _ADDRESS = re.compile(
     r"(mqtts?)://(?:([^@/\s]*)@)?(?:\[([0-9A-Fa-f:.]+)\]|([^/:?@\[\]\s]+))(?::([0-9]{1,5}))?/(.+)",
@@ -224,7 +223,7 @@ class MqttPort(MessagePort):
     def _connect(self, port: int, is_ended: Callable[[], bool]) -> None:
         end = time.monotonic() + CONNECT_TIMEOUT
         self._client.connect_timeout = CONNECT_TIMEOUT
-        self._client.connect(self._host, port, KEEP_ALIVE)
+        self._client.connect(self._host, port, keepalive=15)
         while self._answer is None:
             if is_ended() or time.monotonic() > end:
                 raise TimeoutError(f"no answer within {CONNECT_TIMEOUT:g} s")
@@ -280,10 +279,8 @@ class MqttPort(MessagePort):
 # address names an interface, because anyone who reaches it can send.
 
 
-LOOPBACK, MAX_DATAGRAM, UDP_RECEIVE_BUFFER = "127.0.0.1", 65_535, 4 << 20
-"""What is bound where the address names no interface: this machine alone reaches it.
-Bytes of one datagram: none can be longer.
-Bytes that the system is asked to buffer; Linux gives 2 × net.core.rmem_max at most."""
+LOOPBACK = "127.0.0.1"
+"""What is bound where the address names no interface: this machine alone reaches it."""
 
 
 class UdpPort(MessagePort):
@@ -299,7 +296,8 @@ class UdpPort(MessagePort):
         family = socket.AF_INET6 if ":" in host else socket.AF_INET
         self._socket = socket.socket(family, socket.SOCK_DGRAM)
         try:
-            self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, UDP_RECEIVE_BUFFER)
+            # Linux gives 2 × net.core.rmem_max at most.
+            self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4 << 20)
             self._socket.bind((host, port))
         except BaseException:
             self.close()
@@ -311,7 +309,7 @@ class UdpPort(MessagePort):
         with suppress(TimeoutError, BlockingIOError, InterruptedError, ConnectionError):
             self._socket.settimeout(READ_TIMEOUT)
             for _ in range(MAX_READ_BYTES):  # so that it also ends where only empty ones arrive
-                self.lines += lines_of(self._socket.recv(MAX_DATAGRAM))
+                self.lines += lines_of(self._socket.recv(65_535))
                 if len(self.lines) >= MAX_READ_BYTES:
                     break
                 self._socket.settimeout(0.0)

@@ -24,10 +24,12 @@ if TYPE_CHECKING:
 # What a transport offers: an address that may be opened again and again, and the port that is open.
 
 
-READ_TIMEOUT, CONNECT_TIMEOUT, MAX_READ_BYTES = 0.1, 5.0, 1 << 13
-"""Seconds after which a read without data returns, so that close never waits longer.
-Seconds within which the other side must answer.
-Bytes of one read: whether to stop is checked between two of them."""
+READ_TIMEOUT = 0.1
+"""Seconds after which a read without data returns, so that close never waits longer."""
+CONNECT_TIMEOUT = 5.0
+"""Seconds within which the other side must answer."""
+MAX_READ_BYTES = 1 << 13
+"""Bytes of one read: whether to stop is checked between two of them."""
 
 Start = Literal["inside a line", "at a line", "where it stopped"]
 """Where the first byte after an opening is: in general inside a line, of which the beginning is lost; at the
@@ -211,9 +213,10 @@ Item = BytesReceived | Opened | Disconnected
 
 RETRY_DELAY = 1.0
 """Seconds between two attempts to reopen the port."""
-_KEPT_BYTES, _MOST_BYTES, _PAUSE = 1 << 17, 1 << 23, 0.01
-"""Bytes that may wait for the consumer where the other side keeps the rest, and elsewhere (12 minutes of 115200
-baud), and seconds until the port is read again."""
+_KEPT_BYTES = 1 << 17
+"""Bytes that may wait for the consumer where the other side keeps the rest."""
+_MOST_BYTES = 1 << 23
+"""Bytes that may wait elsewhere, 12 minutes of 115200 baud."""
 
 
 class PortReader:
@@ -342,7 +345,7 @@ class PortReader:
         try:
             while not stop.is_set():
                 if self.waiting > (_KEPT_BYTES if port.keeps else _MOST_BYTES):
-                    stop.wait(_PAUSE)
+                    stop.wait(0.01)
                     continue
                 with _one_sentence(f"{self.state.device} was lost", check):
                     data = port.fetch()

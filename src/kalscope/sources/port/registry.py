@@ -46,7 +46,8 @@ ADDRESS_EXAMPLES = (
 # Names of ports as users type them. Nothing is opened.
 
 
-DEFAULT_BAUD, MAX_BAUD = 115_200, 20_000_000
+DEFAULT_BAUD = 115_200
+MAX_BAUD = 20_000_000
 """No USB chip goes beyond 12 million baud; a larger number is a typing error."""
 
 _BAUD = re.compile(r"(.*)@([^@/\\]*)", re.DOTALL)

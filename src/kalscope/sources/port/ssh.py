@@ -67,21 +67,19 @@ class FilePort(GrowingFile, OpenPort):
 # ssh://host/path.
 
 
-CONNECT_TIMEOUT, COMMAND = 20.0, """exec python3 -I -c 'f=open(0,"rb",0,closefd=0);exec(f.readline())'"""
-"""Seconds within which the other machine must have answered; a Raspberry Pi starts Python in one.
-What the login shell of the other machine runs: every shell parses it alike, and nothing is ever inserted."""
+CONNECT_TIMEOUT = 20.0
+"""Seconds within which the other machine must have answered; a Raspberry Pi starts Python in one."""
+COMMAND = """exec python3 -I -c 'f=open(0,"rb",0,closefd=0);exec(f.readline())'"""
+"""What the login shell of the other machine runs: every shell parses it alike, and nothing is ever inserted."""
 _SETTINGS = """
 BatchMode=yes StrictHostKeyChecking=yes ConnectTimeout=10 ServerAliveInterval=5 ServerAliveCountMax=3
 ControlMaster=no ClearAllForwardings=yes ForwardAgent=no ForwardX11=no PermitLocalCommand=no RemoteCommand=none
 """  # ControlMaster would outlive this program; one that runs already is used
 OPTIONS = ("-T", "-enone", *(f"-o{setting}" for setting in _SETTINGS.split()))
-_ALIVE_EVERY, _MAX_GREETING, _MAX_WAITING = 3.0, 1 << 16, 64
-"""Seconds between two keep-alive bytes; far_side.MAX_SILENCE is five times as long.
-Bytes that a login shell may print before the first answer.
-Pieces of at most MAX_READ_BYTES that wait to be fetched."""
-_END_S, _CONNECTION_FAILED = 0.5, 255
-"""Seconds that ssh has to end by itself.
-Exit status of ssh where it is the connection that failed."""
+_END_S = 0.5
+"""Seconds that ssh has to end by itself."""
+_CONNECTION_FAILED = 255
+"""Exit status of ssh where it is the connection that failed."""
 _ADDRESS = re.compile(
     r"ssh://(?:([A-Za-z0-9_][A-Za-z0-9_.-]*)@)?(\[[0-9A-Fa-f:.]+\]|[A-Za-z0-9_][A-Za-z0-9_.-]*)(?::([0-9]{1,5}))?(/.+)",
     re.IGNORECASE | re.DOTALL,
@@ -136,7 +134,7 @@ class SshPort(OpenPort):
         self.place: tuple[int, bytes] = last.place if isinstance(last, SshPort) else (0, b"")
         """Of a file, as in `GrowingFile`."""
         self._alive_at = time.monotonic()
-        self._pieces: Queue[bytes] = Queue(_MAX_WAITING)
+        self._pieces: Queue[bytes] = Queue(64)
         self._unread = b""
         self._errors = tempfile.TemporaryFile()  # noqa: SIM115 (until close): a pipe would need a thread of its own
         window = getattr(subprocess, "CREATE_NO_WINDOW", 0) | getattr(subprocess, "CREATE_NEW_PROCESS_GROUP", 0)
@@ -175,7 +173,7 @@ class SshPort(OpenPort):
     def _answer(self, is_ended: Callable[[], bool]) -> int:
         """The position at which the other machine begins to read, or DEVICE."""
         end, greeting = time.monotonic() + CONNECT_TIMEOUT, b""
-        while not is_ended() and time.monotonic() < end and len(greeting) < _MAX_GREETING:
+        while not is_ended() and time.monotonic() < end and len(greeting) < 1 << 16:
             greeting += self.fetch()
             answer = re.search(re.escape(MARK) + rb"(-?[0-9]{1,18})\n", greeting)
             if answer:
@@ -197,7 +195,7 @@ class SshPort(OpenPort):
     def fetch(self) -> bytes:
         """Bytes that have arrived; see OpenPort."""
         now = time.monotonic()
-        if now - self._alive_at > _ALIVE_EVERY:
+        if now - self._alive_at > far_side.MAX_SILENCE / 5:
             self._alive_at = now
             self._send(b"\0")
         data, self._unread = self._unread, b""

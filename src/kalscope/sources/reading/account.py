@@ -20,9 +20,10 @@ from kalscope.sources.reading.sniffer import MAX_COLUMNS
 # How a recording was read, as text: one line of summary, warnings, and the account of every line.
 
 
-MAX_SHARE, MAX_ASSUMPTIONS = 0.02, 4
-"""More rejected lines or cells without a number than this share are worth a warning; a single one is not.
-Assumptions that are shown with a summary."""
+MAX_SHARE = 0.02
+"""More rejected lines or cells without a number than this share are worth a warning; a single one is not."""
+MAX_ASSUMPTIONS = 4
+"""Assumptions that are shown with a summary."""
 
 
 def summary(recording: Recording) -> str:
@@ -133,9 +134,6 @@ def _plain(line: str) -> str:
 
 MAX_TEXT = 60
 """Characters of a line that are quoted."""
-MAX_LINES, MAX_LINE = 2000, 16_384
-"""Lines that are looked at for the reason, and characters of each."""
-
 _FOREIGN = {
     "a web page: download the file itself": re.compile(r"<!doctype html|<html|<head|<body", re.IGNORECASE),
     "an XML document: export it as CSV": re.compile(r"<\?xml|<gpx|<kml", re.IGNORECASE),
@@ -144,8 +142,6 @@ _FOREIGN = {
     ),
 }
 """How the first line of a text begins that is no table, although its lines may hold numbers."""
-
-_HEXADECIMAL = re.compile(r"\b0[xX][0-9A-Fa-f]")
 
 
 def refuse_foreign(name: str, lines: Sequence[str]) -> None:
@@ -158,7 +154,7 @@ def refuse_foreign(name: str, lines: Sequence[str]) -> None:
 
 def no_table(name: str, lines: Sequence[str], options: ReadOptions) -> BadFile:
     """The refusal of a text in which no layout was found; `lines` are those at its beginning."""
-    texts = {number: line[:MAX_LINE].strip() for number, line in enumerate(lines[:MAX_LINES], 1)}
+    texts = {number: line[:16_384].strip() for number, line in enumerate(lines[:2000], 1)}
     texts = {number: text for number, text in texts.items() if not is_blank(text) and not is_comment(text)}
     if not texts:
         return BadFile(f"{name} must hold lines of numbers (got {len(lines)} blank or comment lines)")
@@ -191,7 +187,7 @@ def no_channel(name: str, lines: Sequence[str]) -> BadFile:
     """The refusal of a table that has only a time."""
     last = next((line.strip() for line in reversed(lines) if not is_blank(line) and not is_comment(line)), "")
     instead = "try --decimal, or --time-column none where the time is the signal"
-    if _HEXADECIMAL.search(last):
+    if re.search(r"\b0[xX][0-9A-Fa-f]", last):
         instead = "write its hexadecimal numbers as decimals"
     must = f"{name} must hold a column of numbers besides the time"
     return BadFile(f"{must} (got only text, as in {_quoted(last)}): {instead}")

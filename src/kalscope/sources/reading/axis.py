@@ -18,18 +18,10 @@ from kalscope.sources.grammar.timestamps import TimeColumn, find_epoch, times, u
 # What the steps between stamps look like: a step per sample, a coarse clock, bursts, or samples that are lost.
 
 
-GAP_PERIODS, _SOME_STEPS, _EVEN = 1.5 * (1 + 1e-6), 200_000, 0.01
-"""A step longer than this many sample periods may be a gap: at least one sample is missing. 3 ms is 1.5 × 2 ms.
-Spread is judged on at most this many steps, evenly chosen.
-Steps this close to each other, as a share of the median step, are even."""
-_MIN_RECURRENCES, _REGULAR, _MAX_BURST_ROWS = 5, 0.35, 64
-"""Fewest long steps that show whether they come regularly.
-Eight of ten distances between long steps are this close, as a share of their median, where they are regular.
-More rows than this, evenly stamped between two long steps, are not a burst but a logger that pauses."""
-_MAX_BURST_STEP, _MIN_REPEATS, _FEW_REPEATS = 0.1, 0.15, 0.03
-"""Rows that come slower than this, s, do not come in a burst.
-Least share of stamps that repeat the one before where the clock is coarse even if they come irregularly.
-Fewer than this are samples that were written twice."""
+GAP_PERIODS = 1.5 * (1 + 1e-6)
+"""A step longer than this many sample periods may be a gap: at least one sample is missing. 3 ms is 1.5 × 2 ms."""
+_MIN_RECURRENCES = 5
+"""Fewest long steps that show whether they come regularly."""
 
 
 @dataclass(frozen=True)
@@ -59,7 +51,7 @@ def steps_of(time: Array) -> Steps | None:
         forward = time[1:] - np.maximum.accumulate(time)[:-1]
     some = np.sort(_some(steps))
     low, high = (float(some[round(share * (some.size - 1))]) for share in (0.05, 0.95))
-    return Steps(steps, forward, median, high - low <= _EVEN * median)
+    return Steps(steps, forward, median, high - low <= 0.01 * median)
 
 
 def is_coarse(steps: Steps) -> bool:
@@ -67,8 +59,9 @@ def is_coarse(steps: Steps) -> bool:
     positive = steps.all[steps.all > 0]
     repeats = np.flatnonzero(steps.all == 0)
     share = repeats.size / steps.all.size
-    regular = share >= _FEW_REPEATS and repeats.size >= _MIN_RECURRENCES and _regular(np.diff(repeats))
-    if share < _MIN_REPEATS and not regular:
+    # Fewer are samples that were written twice.
+    regular = share >= 0.03 and repeats.size >= _MIN_RECURRENCES and _regular(np.diff(repeats))
+    if share < 0.15 and not regular:
         return False
     tick = steps.median
     alike = np.count_nonzero(np.abs(positive - tick) <= 0.25 * tick)
@@ -95,24 +88,22 @@ def long_steps_recur(steps: Steps) -> bool:
     if where.size < _MIN_RECURRENCES:
         return False
     rows = np.diff(where)
-    sleeps = steps.median >= _MAX_BURST_STEP and float(np.median(steps.forward[where])) >= 3 * steps.median
-    return _regular(rows) and float(np.median(rows)) <= _MAX_BURST_ROWS and not sleeps
+    # Many rows between two long steps, or slow ones, are no burst: the logger pauses.
+    sleeps = steps.median >= 0.1 and float(np.median(steps.forward[where])) >= 3 * steps.median
+    return _regular(rows) and float(np.median(rows)) <= 64 and not sleeps
 
 
 def _regular(rows: Indices) -> bool:
+    """True where eight of ten distances are about alike."""
     low, middle, high = np.quantile(rows, (0.1, 0.5, 0.9))
-    return bool(high - low <= max(1.0, _REGULAR * middle))
+    return bool(high - low <= max(1.0, 0.35 * middle))
 
 
 def _some(steps: Array) -> Array:
-    return steps[:: max(1, steps.size // _SOME_STEPS)]
+    return steps[:: max(1, steps.size // 200_000)]
 
 
 # Pauses: long steps that no later row makes up for. Without them one line goes through all stamps.
-
-
-_MAX_LATE_ROWS = 1024
-"""A delivery that is later than this many samples is a pause."""
 
 
 def lasting_steps(time: Array, steps: Array, candidates: Indices, period: float, rows: int) -> Indices:
@@ -126,10 +117,10 @@ def lasting_steps(time: Array, steps: Array, candidates: Indices, period: float,
         steps: Length of each step in s, shape (n - 1,).
         candidates: Steps to be judged, from 0 and in rising order, shape (k,).
         period: Sample period in s.
-        rows: How many rows hold a usual delivery: at least so many are waited for.
+        rows: How many rows hold a usual delivery: at least so many are waited for, and 1024 at most.
     """
     time = np.maximum.accumulate(time)  # a row that is out of order makes up for nothing
-    due = np.clip(np.ceil(steps[candidates] / period) + 2, rows, max(rows, _MAX_LATE_ROWS)).astype(np.int64)
+    due = np.clip(np.ceil(steps[candidates] / period) + 2, rows, max(rows, 1024)).astype(np.int64)
     last = np.minimum(candidates + 1 + due, len(time) - 1)
     late = time[last] - time[candidates] - period * (last - candidates)
     return candidates[late > 0.5 * (steps[candidates] - period)]
@@ -142,14 +133,8 @@ def lasting_steps(time: Array, steps: Array, candidates: Indices, period: float,
 
 
 _NO_PAUSES = np.zeros(0, dtype=np.int64)
-_ON_GRID, _MIN_CHANGES = 0.02, 3
-"""Steps and stamps that miss the even grid by this share of the usual step are on it.
-Fewest changes of a coarse clock that show its rate."""
-_MIN_BLOCKS, _BLOCKS = 8, 32
-"""The error of a rate is judged by how much it differs between parts of the recording."""
-_STEADY, _BURST_SHARE = 0.1, 2 / 3
-"""Width of the middle half of the spacings of blocks, as a share of their median, where rows come steadily.
-Where more of the time passes in steps longer than 1.5 periods, the rows come in bursts."""
+_ON_GRID = 0.02
+"""Steps and stamps that miss the even grid by this share of the usual step are on it."""
 
 
 @dataclass(frozen=True)
@@ -244,7 +229,7 @@ def _steady_scale(time: Array) -> tuple[float, int] | None:
     """
     means, rows = time, 1
     best, least = None, 0.35
-    while len(means) > 2 * _MIN_BLOCKS:
+    while len(means) > 16:
         half = len(means) // 2
         means, rows = (means[0 : 2 * half : 2] + means[1 : 2 * half : 2]) / 2, 2 * rows
         spacing = np.diff(means) / rows
@@ -257,7 +242,7 @@ def _steady_scale(time: Array) -> tuple[float, int] | None:
         near = np.count_nonzero(np.abs(spacing - middle) <= 0.5 * middle)
         if few and near >= 0.75 * spacing.size:
             best, least = (float(middle), rows), float((high - low) / middle)
-            if least <= _STEADY:
+            if least <= 0.1:
                 break
     return best
 
@@ -278,7 +263,7 @@ def _fitted(time: Array, steps: Steps, guess: _Guess) -> SampleRate:
     moves = steps.all > 0
     moves[pauses] = False
     x = np.flatnonzero(moves) + 1 if stamps == "coarse" else np.arange(len(time))
-    x = x if x.size > _MIN_CHANGES else np.arange(len(time))
+    x = x if x.size > 3 else np.arange(len(time))
     slope, late = _line(x, time[x], runs[x])
     error = _slope_error(late)
     if x.size < len(time):
@@ -290,7 +275,7 @@ def _fitted(time: Array, steps: Steps, guess: _Guess) -> SampleRate:
         slope = steps.median  # the usual step agrees
     if stamps == "bursts":
         passing = np.delete(steps.all, pauses).clip(0.0)
-        in_bursts = passing[passing > GAP_PERIODS * slope].sum() > _BURST_SHARE * passing.sum()
+        in_bursts = passing[passing > GAP_PERIODS * slope].sum() > 2 / 3 * passing.sum()
         stamps = "bursts" if in_bursts else "uneven"
     return SampleRate(stamps, float(f"{slope:.9g}"), error, pauses, steps, usual, runs)
 
@@ -315,7 +300,7 @@ def _line(x: Indices, time: Array, runs: Indices) -> tuple[float, Array]:
 def _slope_error(late: Array) -> float:
     """Standard error of the slope in s, by how much it differs between parts of the recording; inf if unknown."""
     steps = len(late) - 1
-    rows = max(1, steps // _BLOCKS)
+    rows = max(1, steps // 32)
     parts = np.diff(late[: len(late) // rows * rows].reshape(-1, rows).mean(axis=1))
     if parts.size < 2:
         return math.inf
@@ -324,10 +309,6 @@ def _slope_error(late: Array) -> float:
 
 
 # How much the steps of a recording vary: its rate with that jitter, for the screen.
-
-
-MIN_JITTER = 0.005
-"""Steps that vary by a smaller share of the sample period are called even."""
 
 
 def jitter_of(recording: Recording) -> float:
@@ -354,20 +335,11 @@ def rate_words(period: float | None, jitter: float) -> str:
 
 
 def steps_words(jitter: float) -> str:
-    """What follows a rate: ", steps ± 12 %"; "" where the steps are even."""
-    return f", steps ± {percent(jitter)}" if jitter >= MIN_JITTER else ""
+    """What follows a rate: ", steps ± 12 %"; "" where the steps are even to half a percent."""
+    return f", steps ± {percent(jitter)}" if jitter >= 0.005 else ""
 
 
 # Seconds from the stamps of a column, their unit by magnitude, and the nominal period.
-
-
-_EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
-_MINUTE_JITTER, _LONG_STEP_MS, _WEEK_MS = 100, 100_000, 5e8
-"""Milliseconds: by how much a step of minutes may miss them, the longest step, and the latest stamp, of 6 days."""
-_EXACT, _STEPS_S = 0.95, (2, 3, 5, 10, 15, 30, 60)
-"""Share of equal steps of a count of seconds, and usual ones; 20 and 50 are ms."""
-_WHOLE_SECOND = 0.02
-"""Days with seven or more decimals are this close, in s, to the whole seconds they mean."""
 
 
 def unit_by_magnitude(stamps: Array, *, printed: bool = False) -> str:  # noqa: PLR0911 (one for each rule)
@@ -388,16 +360,16 @@ def unit_by_magnitude(stamps: Array, *, printed: bool = False) -> str:  # noqa: 
         return epoch[0]
     if not whole and _are_seconds_in_days(stamps):
         return "day"
-    in_minutes = abs(step - 60_000 * round(step / 60_000)) <= _MINUTE_JITTER
+    in_minutes = abs(step - 60_000 * round(step / 60_000)) <= 100
     if not whole or step < 2:
         return "s"
     if step % 60 == 0 and (3600 % step == 0 or step % 3600 == 0) and not in_minutes:
         return "s"
     few = np.diff(stamps[:100_000]) == step
-    is_exact = np.count_nonzero(few) >= _EXACT * len(few)
-    if step in _STEPS_S and not printed and low in (0, step) and is_exact:
+    is_exact = np.count_nonzero(few) >= 0.95 * len(few)
+    if step in (2, 3, 5, 10, 15, 30, 60) and not printed and low in (0, step) and is_exact:
         return "s"
-    if high < _WEEK_MS and (step < _LONG_STEP_MS or in_minutes):
+    if high < 5e8 and (step < 100_000 or in_minutes):  # 6 days, 100 s
         return "ms"
     return "ns" if step >= 2e6 and high > 2.0**32 else "us"
 
@@ -416,7 +388,7 @@ def _are_seconds_in_days(stamps: Array) -> bool:
     some = stamps[:1000]
     seconds: Array = (some - some[0]) * 86400.0
     whole: Array = seconds.round()
-    near = float((np.abs(seconds - whole) <= _WHOLE_SECOND).mean())
+    near = float((np.abs(seconds - whole) <= 0.02).mean())  # days of seven or more decimals
     return near >= 0.99 and float((whole % 27 != 0).mean()) >= 0.5 and 0.5 < _median_step(seconds) < 3601
 
 
@@ -467,7 +439,7 @@ def _otherwise(stamps: Array, unit: str) -> str:
 def date_text(seconds: float) -> str:
     """The date and clock, UTC, of seconds since 1970."""
     try:
-        return (_EPOCH + timedelta(seconds=seconds)).isoformat()
+        return (datetime(1970, 1, 1, tzinfo=UTC) + timedelta(seconds=seconds)).isoformat()
     except OverflowError:  # a zone can push a stamp of year 1 or 9999 beyond the calendar
         return f"{seconds:g} s from 1970"
 
@@ -479,9 +451,6 @@ def _median_step(stamps: Array) -> float:
 
 
 # Gaps in time as rows of missing samples.
-
-
-_MAX_INSERTED_PER_ROW, _ALWAYS_ALLOWED = 20, 1_000_000
 
 
 def missing_rows(time: Array, pauses: Indices, period: float) -> Array:
@@ -516,7 +485,7 @@ def fill_gaps(time: Array, values: Array, period: float, pauses: Indices) -> tup
     """
     more = missing_rows(time, pauses, period)
     total = float(more.sum())
-    if total > max(_MAX_INSERTED_PER_ROW * len(time), _ALWAYS_ALLOWED):
+    if total > max(20 * len(time), 1_000_000):
         made = f"{total:.3g} rows of {len(time)}"
         raise BadSetting(
             f'gaps must not be "missing" where that makes {made} (use "dt", or a longer sample period)'
@@ -530,21 +499,17 @@ def fill_gaps(time: Array, values: Array, period: float, pauses: Indices) -> tup
 # Samples placed evenly in time, where stamps come in bursts or from a clock coarser than the sample period.
 
 
-_BLOCK = 8
-"""Usual deliveries in one block, whose samples are placed around their mean stamp."""
-
-
 def place_evenly(time: Array, rate: SampleRate) -> Array:
     """Time of each sample, shape (n,): on a line through the stamps, which pauses interrupt.
 
     Where the true rate drifts, so that the line would miss the stamps by more than half a usual delivery, it bends:
-    it goes through the mean stamp of each block of samples.
+    it goes through the mean stamp of each block of eight usual deliveries.
     """
     n = len(time)
     placed = rate.period * np.arange(n, dtype=np.float64)
     placed += level(time - placed, rate.runs)
     late = time - placed
-    blocks = max(1, n // max(2, round(_BLOCK * rate.longest / rate.period)))
+    blocks = max(1, n // max(2, round(8 * rate.longest / rate.period)))
     edges = np.linspace(0, n, blocks + 1).astype(np.int64)
     means = np.add.reduceat(late, edges[:-1]) / np.diff(edges)
     if blocks > 1 and np.abs(means).max() > 0.5 * rate.longest:
@@ -563,10 +528,10 @@ def place_evenly(time: Array, rate: SampleRate) -> Array:
 
 _STAMPS = {"uneven": "uneven stamps", "bursts": "stamps that come in bursts", "coarse": "stamps of a coarse clock"}
 _SOURCES = {"option": " as requested", "file": " as stated in the file"}
-_SURE, _UNSURE, _ALIKE = 1e-4, 0.01, 0.02
-"""A standard error below this share of the rate is not reported.
-A rate by a coarse clock with a larger standard error is an assumption.
-Rates of the file and of the stamps that differ by more contradict each other."""
+_UNSURE = 0.01
+"""A rate by a coarse clock with a larger standard error is an assumption."""
+_ALIKE = 0.02
+"""Rates of the file and of the stamps that differ by more contradict each other."""
 
 
 def _about_stamps(rate: SampleRate, sure: str) -> list[str]:
@@ -680,10 +645,6 @@ def read_time(
     return TimeAxis(time, timing, pauses, backward, (*notes, *about), unit_words)
 
 
-_MOST_ADDED, _SPREAD, _GROWTH = 64, 0.45, 0.55
-"""How many steps are added up; the least spread of independent ones, of their mean, and of their sums."""
-
-
 def _no_time(rate: SampleRate) -> str | None:
     """Why the stamps give no time: their steps are of all sizes, three powers of ten or more, or not of a time."""
     if not PERIODS[0] <= rate.period <= PERIODS[1]:
@@ -707,11 +668,11 @@ def _are_independent(steps: Array) -> bool:
 
     Of a steady sampling whose rows come late, k steps together miss their mean by no more than one alone does.
     """
-    k, spread, usual = min(_MOST_ADDED, steps.size // 4), float(steps.std()), float(np.median(steps))
+    k, spread, usual = min(64, steps.size // 4), float(steps.std()), float(np.median(steps))
     if np.mean(np.abs(steps - usual) <= 0.1 * usual) >= 0.5:
         return False
     sums = np.convolve(steps, np.ones(k), "valid")
-    return spread > _SPREAD * float(steps.mean()) and float(sums.std()) > _GROWTH * math.sqrt(k) * spread
+    return spread > 0.45 * float(steps.mean()) and float(sums.std()) > 0.55 * math.sqrt(k) * spread
 
 
 def counted_time(n: int, given: GivenPeriod, start: float | None = None) -> TimeAxis:
@@ -735,7 +696,7 @@ def counted_time(n: int, given: GivenPeriod, start: float | None = None) -> Time
 def _timing(rate: SampleRate, pauses: Indices, given: GivenPeriod) -> tuple[Timing, list[str]]:
     """The sample period, and how it was found."""
     own, error = rate.period, rate.error / rate.period if np.isfinite(rate.error) else None
-    sure = f", standard error {percent(error)}" if error and error > _SURE else ""
+    sure = f", standard error {percent(error)}" if error and error > 1e-4 else ""
     notes, period, source = _about_stamps(rate, sure), own, "stamps"
     if given.option is not None:
         period, source = given.option, "option"

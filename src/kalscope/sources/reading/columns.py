@@ -34,10 +34,6 @@ from kalscope.sources.reading.preface import Preface, find_preface
 # Lines that differ in their digits only: the first few of each shape are judged for all of them.
 
 
-ANY_DIGIT = str.maketrans("123456789", "000000000")
-"""Makes a shape of a text: each digit becomes 0."""
-_MAX_OF_SHAPE = 4
-"""Lines by which all of one shape are judged: 0,123 and 1,234 may be read differently."""
 _NUMBER = re.compile("[0-9]+")
 
 
@@ -63,7 +59,7 @@ def first_of_each_shape(lines: Iterable[HeadLine]) -> Mapping[str, Sequence[str]
     """The texts of the first few lines of each shape."""
     found = defaultdict[str, list[str]](list)
     for line in lines:
-        if len(texts := found[line.shape]) < _MAX_OF_SHAPE:
+        if len(texts := found[line.shape]) < 4:  # 0,123 and 1,234 may be read differently
             texts.append(line.text)
     return found
 
@@ -74,19 +70,16 @@ def first_of_each_shape(lines: Iterable[HeadLine]) -> Mapping[str, Sequence[str]
 Role = Literal["channel", "time", "text", "row name", "row number", "metadata", "empty", "series"]
 """How a column is used; "metadata" is beside the data in the first rows only."""
 
-_INDEX, _SETTING_NAME = re.compile(r"\s*(?:[0-9]+|[xyzijk])\s*", re.IGNORECASE), re.compile(r"= *[-+]?[0-9.]")
-"""`tInc = 1e-06` in a row of names is a setting of the instrument."""
-
-
-HOST_AND_DEVICE, ROW_NUMBER_NAME = ("host time", "device time"), "sample"
-"""The first two columns of our own recordings of a live source: two clocks of one row, neither is a channel.
-Header of the first column of our own CSV where a recording has no time: it counts the rows."""
+_INDEX = re.compile(r"\s*(?:[0-9]+|[xyzijk])\s*", re.IGNORECASE)
+HOST_AND_DEVICE = ("host time", "device time")
+"""The first two columns of our own recordings of a live source: two clocks of one row, neither is a channel."""
+ROW_NUMBER_NAME = "sample"
+"""Header of the first column of our own CSV where a recording has no time: it counts the rows."""
 
 COUNTING_NAMES = frozenset(
     ("", "#", "count", "counter", "id", "idx", "index", "no", "no.", "nr", "number", "row", "samples")
 )
 """Names, in lower case, of columns that may number the rows."""
-_MIN_COUNTED = 8
 
 
 @dataclass(frozen=True)
@@ -133,8 +126,8 @@ def role_of(column: Column, cells: Sequence[str], index: int, kind: ColumnType, 
     if column.role != "channel":
         return column.role
     if kind.kind == "empty":
-        # A spreadsheet's trailing ";;": no name, nothing in it.
-        nameless = not column.name or _SETTING_NAME.search(column.name)
+        # A spreadsheet's trailing ";;": no name, nothing in it. `tInc = 1e-06` is a setting of the instrument.
+        nameless = not column.name or re.search(r"= *[-+]?[0-9.]", column.name)
         return "empty" if nameless and width > 1 and not any(cells) else "channel"
     said = [cell for cell in cells if cell.lower() not in MISSING]
     if index == 0 and width > 1 and said and _is_row_number(column.name, said):
@@ -145,15 +138,12 @@ def role_of(column: Column, cells: Sequence[str], index: int, kind: ColumnType, 
 def _is_row_number(name: str, cells: list[str]) -> bool:
     """True for Kalscope's own column of row numbers, and for a similarly named one that counts without a gap."""
     own = name == ROW_NUMBER_NAME
-    named = own or (name.lower() in COUNTING_NAMES and len(cells) >= _MIN_COUNTED)
+    named = own or (name.lower() in COUNTING_NAMES and len(cells) >= 8)
     if not named or not all(cell.isascii() and cell.isdecimal() and len(cell) < 18 for cell in cells):
         return False
     numbers = [int(cell) for cell in cells]
     rising = numbers[0] <= 1 and all(b > a for a, b in pairwise(numbers))
     return rising and (own or numbers[-1] - numbers[0] == len(numbers) - 1)
-
-
-_DATE_PARTS = frozenset(("year", "month", "day", "hour", "minute"))
 
 
 def settle_roles(
@@ -172,7 +162,8 @@ def settle_roles(
         if tuple(column.name for column in columns[:2]) == HOST_AND_DEVICE and {*taken} <= {0, 1}:
             taken = (0, 1)
         elif time.kind == "calendar":  # beside a whole stamp these repeat a part of it
-            taken = (*taken, *(i for i, column in enumerate(columns) if column.name.lower() in _DATE_PARTS))
+            parts = ("year", "month", "day", "hour", "minute")
+            taken = (*taken, *(i for i, column in enumerate(columns) if column.name.lower() in parts))
         columns = [replace(column, role="time") if i in taken else column for i, column in enumerate(columns)]
         notes = [f'"{columns[time.index].name or f"column {time.index + 1}"}" is the time', *time.notes]
     channels = [i for i, column in enumerate(columns) if column.role == "channel"]
@@ -236,9 +227,8 @@ ordinary missing value, a word that loggers write for one, a stamp, anything els
 NUMERIC: tuple[CellKind, ...] = ("number", "other number", "grouped", "measure")
 """The kinds that are numbers."""
 
-_NUMERIC_CHARACTERS = "0123456789.,+-eE;| \t"
-_MIN_SHAPE, _MIN_JUDGED = 8, 3
-"""Characters from which the shape of a cell shows a stamp, and how many cells of the shape must agree."""
+_ANY_DIGIT = str.maketrans("123456789", "000000000")
+"""Makes a shape of a text: each digit becomes 0."""
 _HEXADECIMAL = re.compile(r"(?:0[xX])?[0-9A-Fa-f]{2,16}")
 _MIN_TEXTS = 3
 """Cells of text by which a column of hexadecimal words, or a word that says "no sample", is known."""
@@ -268,7 +258,7 @@ class CellKinds(dict[str, CellKind]):
         if cell.lower() in self._words:
             return "word"
         # Most other cells of a log are several numbers, split at the wrong mark.
-        is_listed = not cell.strip(_NUMERIC_CHARACTERS) and any(mark in cell for mark in ",;|\t")
+        is_listed = not cell.strip("0123456789.,+-eE;| \t") and any(mark in cell for mark in ",;|\t")
         if not is_listed and self._is_stamp(cell):
             return "stamp"
         if is_grouped(cell) or NUMBER[OTHER_MARK[self.decimal]].fullmatch(cell):
@@ -278,11 +268,11 @@ class CellKinds(dict[str, CellKind]):
 
     def _is_stamp(self, cell: str) -> bool:
         """Whether a cell is a stamp; of those that differ in their digits only, the first few stand for all."""
-        shape = cell.translate(ANY_DIGIT)
-        if len(cell) < _MIN_SHAPE or len(cell) - shape.count("0") < 2:
+        shape = cell.translate(_ANY_DIGIT)
+        if len(cell) < 8 or len(cell) - shape.count("0") < 2:
             return is_stamp(cell)  # 12.50 may be a clock, 99.50 is not
         judged = self._shapes[shape]
-        if len(judged) < _MIN_JUDGED:
+        if len(judged) < 3:
             judged.append(is_stamp(cell))
         return judged[0] if len(set(judged)) == 1 else is_stamp(cell)
 
@@ -411,11 +401,6 @@ _KEYS = _NAMES | words(
     """
 )
 """Names of a column that says which sensor a row is of, beside its values."""
-_MIN_ROWS, _MIN_KEYED_ROWS = 4, 12
-_MAX_KEYS, _MAX_UNEVEN = 64, 4
-"""How much more often than another a code of a sensor may occur."""
-_MIN_CHANGES, _MIN_IN_TURN = 0.2, 0.8
-"""Share of the rows that are of another sensor than the row before, and of those in a strict turn."""
 
 
 def mark_series(
@@ -437,7 +422,7 @@ def mark_series(
     units = [i for i in texts if bases[i] in UNIT_NAMES]
     named = {*names, *(i for i in texts if bases[i] in _KEYS)}
     by_unit = _are_of_units(rows, sorted(named), units)
-    if len(values) == 1 and (names or by_unit) and (by_field or by_unit or not numbers) and len(rows) >= _MIN_ROWS:
+    if len(values) == 1 and (names or by_unit) and (by_field or by_unit or not numbers) and len(rows) >= 4:
         keys = [i for i in texts if by_field and bases[i] not in _NO_TAGS and i not in values] or sorted(named)
         keys = [i for i in keys if i in names or by_field or by_unit or _parts(rows, names, i)]
         few = len({tuple(row[i] for i in keys) for row in rows}) <= len(rows) / 2
@@ -484,21 +469,21 @@ def _is_key(index: int, columns: list[Column], rows: list[Cells], time: TimeColu
     rest = any(c.role == "channel" for j, c in enumerate(columns) if j != index and j not in times)
     is_code = all(key.isdecimal() and len(key) <= 5 for key in keys)
     is_text = role in ("text", "row name")
-    if not rest or len(rows) < _MIN_KEYED_ROWS or not (is_text or (named and role == "channel" and is_code)):
+    if not rest or len(rows) < 12 or not (is_text or (named and role == "channel" and is_code)):
         return False
     is_date = not named and all(month_of(key) or is_weekday(key) for key in keys[:7])
     count = len(set(keys))
-    if is_date or any(map(is_stamp, keys[:4])) or "" in keys or not 2 <= count <= min(_MAX_KEYS, len(rows) // 4):
+    if is_date or any(map(is_stamp, keys[:4])) or "" in keys or not 2 <= count <= min(64, len(rows) // 4):
         return False
     shares = Counter(keys).values()
-    if is_code and max(shares) > _MAX_UNEVEN * min(shares):
+    if is_code and max(shares) > 4 * min(shares):
         return False  # a quantity has rare values
     changes = sum(a != b for a, b in pairwise(keys)) / len(keys)
     in_turn = sum(a == b for a, b in zip(keys, keys[count:], strict=False)) / (len(keys) - count)
     if not named:
-        return min(changes, in_turn) >= _MIN_IN_TURN
-    if changes >= _MIN_CHANGES or time is None:
-        return changes >= _MIN_CHANGES
+        return min(changes, in_turn) >= 0.8
+    if changes >= 0.2 or time is None:
+        return changes >= 0.2
     stamps = list(map(row_stamp_parser(time, decimal), rows))
     ends = [i for i in range(1, len(keys)) if keys[i] != keys[i - 1]]
     return all((stamps[i] or 0) < (stamps[i - 1] or 0) for i in ends)  # one sensor after the other, all of one time

@@ -17,17 +17,27 @@ MAX_PLAIN_TENS = 22
 TENS = np.array([10.0**i for i in range(MAX_PLAIN_TENS + 1)])
 _MAX_PLAIN = 1 << 53
 """Up to here a whole number is a float64."""
-_MAX_DIGITS, _MAX_COUNT = 9_200_000_000_000_000_000, 19
-"""Largest number, and most digits, that are read here: more may not fit an int64."""
+_MAX_DIGITS = 9_200_000_000_000_000_000
+"""Largest number that is read here, of 19 digits: more may not fit an int64."""
 _SPLIT = float((1 << 27) + 1)
-_DOUBT, MAX_SURE_STAMP = 2.0**-48, 0.99e20
+_DOUBT = 2.0**-48
+MAX_SURE_STAMP = 0.99e20
 """Larger stamps may be damage, which the line reader decides by `timestamps.MAX_STAMP`."""
 
-_NEWLINE, _BLANK, _TAB, _QUOTE, _STAR, _PLUS, _COMMA, _MINUS = 10, 32, 9, 34, 42, 43, 44, 45
+_NEWLINE = 10
+_BLANK = 32
+_TAB = 9
+_QUOTE = 34
+_STAR = 42
+_PLUS = 43
+_COMMA = 44
+_MINUS = 45
 _LINE_MARKS = (35, 37, 47, 40, 91)
 """Marks that may make a line a comment, `#%/`, or be removed from its ends, `([`."""
 
-TEXT, NUMBER, CELL = 0, 1, 2
+TEXT = 0
+NUMBER = 1
+CELL = 2
 """A column that is not read; one of plain numbers; one whose cells are read one by one."""
 
 
@@ -84,7 +94,7 @@ def read_number(data: Bytes, at: int, decimal: int) -> tuple[float, int, bool]:
         count = 0 if at == start else count
         places += power if down else -power
     if (
-        not (0 < count <= _MAX_COUNT and 0 <= digits <= _MAX_DIGITS)
+        not (0 < count <= 19 and 0 <= digits <= _MAX_DIGITS)
         or abs(places) > MAX_PLAIN_TENS
         or (places < 0 and digits > _MAX_PLAIN)
     ):

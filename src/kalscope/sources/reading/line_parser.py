@@ -29,17 +29,8 @@ from kalscope.sources.reading.sniffer import MAX_STREAM_COLUMNS, Layout, sniff
 # row, while a stream makes a row of each line at once, because the next one may take long.
 
 
-MAX_LINE_BYTES, HEAD_BYTES = 65_536, 65_536
-"""Bytes of one line, ten times the widest table; a longer one is not a line of numbers and is dropped.
-Bytes of the stream that may still change the layout, as many as are sniffed of a file."""
-
-_MIN_DISTINCT_ROWS, _MIN_ROWS = 3, 8
-"""How many lines with words beside numbers are enough to take them for rows: different ones, or in all."""
-
-_SHORT_HEAD, _MAX_NAMES = 64, 1024
-"""A head without data is sniffed at every line up to this length, then whenever it has grown by about a quarter;
-one of a known layout whenever the lines that do not fit have doubled.
-Names of Teleplot that were seen once and are remembered; damage on the wire makes a new one of each line."""
+MAX_LINE_BYTES = 65_536
+"""Bytes of one line, ten times the widest table; a longer one is not a line of numbers and is dropped."""
 
 _TELEPLOT = Layout(LineFormat("teleplot"), (), None, 1, frozenset(), (), ("each line is one variable of Teleplot",))
 _NEWLINE = re.compile(rb"[\r\n]")
@@ -62,7 +53,7 @@ class LineParser:
         self._head: list[str] = []
         self._head_bytes = 0
         self._misfits = self._next_look = 0
-        self._seen_once: deque[str] = deque(maxlen=_MAX_NAMES)
+        self._seen_once: deque[str] = deque(maxlen=1024)  # names of Teleplot: damage makes a new one of each line
         self._number = 0
         self.line = ""
         """The last line of `next_line`, whole; "" where it was too long."""
@@ -170,7 +161,7 @@ class LineParser:
             if not (damaged or fits) and self._is_look_due(line) and (layout := self._other_layout(self._head)):
                 self._reader = LineReader(layout, self._options)
                 event = self._reader.read(self._number, line)
-            if self._head_bytes >= HEAD_BYTES:
+            if self._head_bytes >= 65_536:  # as many as are sniffed of a file
                 # As long as nothing was data, the head is still to come.
                 self._settled, self._head, self._head_bytes = self._reader is not None, [], 0
                 self._misfits = self._next_look = 0
@@ -220,16 +211,20 @@ class LineParser:
         if has_words or mark:  # 2,3 alone is damage rather than the first decimal comma
             reader = LineReader(layout, self._options)
             rows = [text for text in head if mark in text and reader.read(0, text).kind == "row"]
-            if len(set(rows)) < _MIN_DISTINCT_ROWS and len(rows) < _MIN_ROWS:
+            if len(set(rows)) < 3 and len(rows) < 8:
                 return None
         return layout
 
     def _is_look_due(self, line: str) -> bool:
-        """Whether to sniff the head again at a line that does not fit; the total cost stays linear in the head."""
+        """Whether to sniff the head again at a line that does not fit; the total cost stays linear in the head.
+
+        That of a known layout is sniffed whenever the lines that do not fit have doubled, one without data at every
+        line up to 64, then whenever it has grown by about a quarter.
+        """
         self._misfits = n = self._misfits + 1
         if n < self._next_look or not any(map(str.isdigit, line)):
             return False
-        self._next_look = 2 * n if self._reader else n + 1 + max(0, n - _SHORT_HEAD) // 4
+        self._next_look = 2 * n if self._reader else n + 1 + max(0, n - 64) // 4
         return True
 
 

@@ -31,9 +31,8 @@ from kalscope.sources.reading.sniffer import MAX_STREAM_COLUMNS, Layout
 Kind = Literal["row", "rejected", "blank", "comment", "header", "text"]
 """How a line was read; "text" is prose, not an attempt at data: boot text, a program's log."""
 
-_PROSE, TAIL_LINES = 4, 64
-"""Words of a line without a digit that is no attempt at a row of a table.
-Rows before a last line without newline by which it is judged."""
+TAIL_LINES = 64
+"""Rows before a last line without newline by which it is judged."""
 _PAIR = re.compile(r"[:=] ?[-+.0-9]")
 """What a cell of another program has, `T:21.5`."""
 
@@ -99,7 +98,7 @@ class LineReader:
             try:
                 rows = self._rows(text)
             except _Fault as fault:
-                prose = len(text.split()) >= _PROSE and not any(map(str.isdigit, text))
+                prose = len(text.split()) >= 4 and not any(map(str.isdigit, text))
                 if self._form.kind != "table" or not (prose or self._are_words(self._split(text))):
                     return rejected(number, text, str(fault))
                 kind, self._issues = "text", []

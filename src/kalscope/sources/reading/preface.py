@@ -10,12 +10,10 @@ from itertools import zip_longest
 from kalscope.common.text import duration
 from kalscope.sources.grammar.cells import SECONDS_PER_UNIT, UNIT_OF_WORD, is_comment, is_number, split_fields
 
-_MAX_LINES, _MAX_LENGTH = 120, 400
-"""Lines, and characters of each, in which a rate is looked for."""
-_MAX_PARTS = 12
-"""A line of more cells is a header, or holds samples."""
-_MIN_PERIOD, _MAX_PERIOD = 1e-13, 1e8
-_E4_RATES = (1.0, 4.0, 8.0, 16.0, 32.0, 64.0, 128.0)
+_MAX_LINES = 120
+"""Lines in which a rate is looked for."""
+_MAX_LENGTH = 400
+"""Characters of each."""
 
 
 @dataclass(frozen=True)
@@ -56,9 +54,10 @@ def _empatica(head: Sequence[str]) -> Preface | None:
     if len(first) == 2 and first[1].upper() == "IBI":
         return replace(found, header_row=above + 1, time_column=0)
     once = len(first) == len(second) == len(third) and len({*first}) == len({*second}) == 1
-    if not once or _is_start(third[0]) or not is_number(second[0]) or float(second[0]) not in _E4_RATES:
+    rate = float(second[0]) if is_number(second[0]) else 0.0
+    if not once or _is_start(third[0]) or rate not in (1, 4, 8, 16, 32, 64, 128):
         return None
-    return replace(found, first_row=above + 3, time_column="none", period=1 / float(second[0]))
+    return replace(found, first_row=above + 3, time_column="none", period=1 / rate)
 
 
 def _is_start(cell: str) -> bool:
@@ -119,7 +118,7 @@ def _stated_rate(head: Sequence[str]) -> Preface | None:
         text = f"{start} {line[:_MAX_LENGTH]}".strip(" \t\r\"',;").lower().replace("_", " ")
         if not is_comment(line) and _NUMBER.match(text):
             break
-        if sum(map(text.count, ",;|\t")) < _MAX_PARTS:
+        if sum(map(text.count, ",;|\t")) < 12:  # more are names, or samples
             below = _below_names(above.lower(), line, after)
             text += below
             if below and not any(map(is_number, split_fields(above, ","))):
@@ -147,4 +146,4 @@ def _period(match: re.Match[str]) -> tuple[float, str] | None:
     text = "" if _THOUSANDS.match(match["number"]) else match["number"].replace(",", ".", 1)
     value = float(text) * units.get(unit or (match["unit"] or "").strip(), 0.0) if is_number(text) else 0.0
     period = 1 / value if match["rate"] and value > 0 else value
-    return (period, match["rate"] or match["step"]) if _MIN_PERIOD < period < _MAX_PERIOD else None
+    return (period, match["rate"] or match["step"]) if 1e-13 < period < 1e8 else None

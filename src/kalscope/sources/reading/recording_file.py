@@ -53,13 +53,6 @@ from kalscope.sources.reading.time_columns import find_time
 Extremes = tuple[Array, Array]
 """Smallest and largest sample of each channel, shape (channels,) each; NaN where all are missing."""
 
-_MIN_UNSURE = 3
-"""Least count of a number that may be a reading, and one sample in 2000; of others 2, of nines 1."""
-_MAX_SHARE, _MAX_RUN = 0.3, 3
-"""Largest share of the samples, and longest run in the median, of a code that may be a reading; more is a state."""
-_MIN_DISTINCT, _SAMPLE = 3, 20_000
-"""Fewest values beside a code: a switch and an event marker have fewer."""
-
 _SURE = {
     *(32767.0, -32768.0, 65535.0, 8388607.0, -8388608.0, 2147483647.0, -2147483648.0, 4294967295.0),
     *(-127.0, 85.0, -7999.0, 7999.0, -6999.0, 6999.0, -273.15, -273.0, 8190.0, 8191.0),
@@ -68,12 +61,10 @@ _SURE = {
 out of range."""
 _UNSURE = {0.0, -1.0, 99.0, -99.0, 255.0, 1023.0, 4095.0}
 """Zero, an error value of C, and limits of short integers."""
-_NINES, _VERY_FAR = re.compile(r"(?:-9{3,}|9{4,}|-8{3,})(?:\.9{1,3})?"), 10.0
-"""Codes that are removed unasked, and how much further from the rest than all of it is wide these must be."""
+_NINES = re.compile(r"(?:-9{3,}|9{4,}|-8{3,})(?:\.9{1,3})?")
+"""Codes that are removed unasked where they are very far from the rest."""
 _OVERFLOWS = {9.9e37, 9.91e37, 1e38}
 """Overload and NaN of instruments (SCPI), of either sign: always removed."""
-_HUGE = 1e20
-"""Fill values of binary formats are beyond this: 1e30, 9.97e36, 3.4e38."""
 
 
 def find_missing(values: Array, names: Sequence[str], ends: Extremes) -> list[str]:
@@ -114,7 +105,8 @@ def _surety(value: float) -> int:
     bare = digits.replace(".", "")
     is_round = digits.isdecimal() and len(digits) >= 3 and not digits[1:].strip("0")
     repeated = len(bare) >= 3 and set(bare) in ({"9"}, {"8"})
-    if repeated or value in _SURE or abs(value) >= _HUGE or (is_round and value < 0):
+    # Fill values of binary formats are huge: 1e30, 9.97e36, 3.4e38.
+    if repeated or value in _SURE or abs(value) >= 1e20 or (is_round and value < 0):
         return 2
     return int(is_round or value in _UNSURE)
 
@@ -125,28 +117,26 @@ def _stands_out(samples: Array, value: float, sure: int) -> bool:
     if not sure:
         return False
     here, rest = samples == value, samples[np.isfinite(samples) & (samples != value)]
-    some = rest[:: max(1, rest.size // _SAMPLE)]
-    least = max(_MIN_UNSURE, samples.size // 2000) if sure == 1 else 4 - sure
-    if np.count_nonzero(here) < least or np.unique(some).size < _MIN_DISTINCT:
+    some = rest[:: max(1, rest.size // 20_000)]
+    least = max(3, samples.size // 2000) if sure == 1 else 4 - sure
+    if np.count_nonzero(here) < least or np.unique(some).size < 3:  # a switch, an event marker
         return False
     nearest = float(np.min(np.abs(rest - value)))
     lower, upper = np.quantile(some, (0.25, 0.75))
-    if nearest <= max(float(upper - lower), (_VERY_FAR if sure == 3 else 0.5) * float(np.ptp(some))):
+    if nearest <= max(float(upper - lower), (10.0 if sure == 3 else 0.5) * float(np.ptp(some))):
         return False
     edges = np.flatnonzero(np.diff(np.concatenate(([0], here.astype(np.int8), [0]))))
-    brief = np.median(edges[1::2] - edges[::2]) <= _MAX_RUN and here.mean() <= _MAX_SHARE
+    brief = np.median(edges[1::2] - edges[::2]) <= 3 and here.mean() <= 0.3  # else it is a state
     return sure > 1 or bool(brief)
 
 
 # From the columns and counts that a reader found to the Recording, the same way for every reader.
 
 
-MAX_BAD, _MIN_FALLING, _MIN_BACK = 0.5, 8, 2
-"""Largest share of cells that are not numbers in a channel.
-Fewest steps back that show a log that begins with its newest row, where no step goes forward.
-Fewest steps back of rows that are out of order."""
-_FEW_ROWS = 1000
-"""Rows of a container by which its time is found."""
+MAX_BAD = 0.5
+"""Largest share of cells that are not numbers in a channel."""
+_MIN_FALLING = 8
+"""Fewest steps back that show a log that begins with its newest row, where no step goes forward."""
 
 Columns = dict[int, Array]
 """Columns by index, each of shape (n,): the channels and the time."""
@@ -292,7 +282,7 @@ def _oldest_first(columns: Columns, layout: Layout) -> list[str]:
         return []
     stamps, turn_s = columns[layout.time.index], layout.time.turn_s
     back = int(np.count_nonzero(stamps[1:] < stamps[:-1]))
-    if back < _MIN_BACK or len(stamps) <= _MIN_FALLING:
+    if back < 2 or len(stamps) <= _MIN_FALLING:
         return []
     falls = 2 * back > len(stamps)
     order = np.arange(len(stamps))[:: -1 if falls else 1]
@@ -376,7 +366,7 @@ def _find_time(table: Table, columns: list[Column], options: ReadOptions) -> Tim
         index = min(table.dates)
     if isinstance(index, int) and index in table.dates:
         return TimeColumn(index, "calendar")
-    few = [column[:_FEW_ROWS].tolist() for column in table.columns]
+    few = [column[:1000].tolist() for column in table.columns]
     cells = [[f"{value:.17g}" if math.isfinite(value) else "" for value in column] for column in few]
     rows, is_named = list(zip(*cells, strict=True)), any(table.names)
     time = find_time(columns, rows, ".", named=is_named, choice=index)
@@ -407,9 +397,8 @@ def _of_table(columns: dict[int, Array], layout: Layout, table: Table) -> Readin
 # Turn a long table, one named value per row, into channels: those that share their stamps are one part.
 
 
-_MAX_LISTED, _MIN_WHOLE_TURNS, _MIN_SHARED = 4, 0.9, 0.5
-"""Share of the turns in which each name comes once.
-Share of the stamps of the shorter of two series that the other has as well, where both belong to one part."""
+_MAX_LISTED = 4
+"""Names of a part that its own name lists."""
 
 
 def widened(table: list[Array], tally: Tally, layout: Layout, part: str | None, name: str) -> Reading:
@@ -485,7 +474,7 @@ def _in_turns(codes: Indices, stamps: Array) -> Array:
     begins = np.flatnonzero(codes == codes[0]) if codes.size else codes
     ends = np.append(begins[1:], len(codes))
     kinds = np.unique(codes).size
-    if kinds < 2 or len(begins) < MIN_CYCLES or np.mean(ends - begins == kinds) < _MIN_WHOLE_TURNS:
+    if kinds < 2 or len(begins) < MIN_CYCLES or np.mean(ends - begins == kinds) < 0.9:
         return stamps
     inside, between = stamps[ends - 1] - stamps[begins], np.diff(stamps[begins])
     if not 0 <= np.median(inside) <= MAX_INSIDE * np.median(between):
@@ -503,12 +492,12 @@ def _counted(codes: Indices) -> Indices:
 
 
 def _groups(stamps: dict[int, Indices]) -> list[tuple[list[int], Indices]]:
-    """The names that share most of their stamps, with all their stamps; those with most stamps first."""
+    """The names that share half of their stamps or more, with all their stamps; those with most stamps first."""
     groups: list[tuple[list[int], Indices]] = []
     for code in sorted(stamps, key=lambda code: (-len(stamps[code]), code)):
         own = np.unique(stamps[code])
         for i, (members, times) in enumerate(groups):
-            if np.isin(own, times, assume_unique=True).mean() >= _MIN_SHARED:
+            if np.isin(own, times, assume_unique=True).mean() >= 0.5:
                 members.append(code)
                 groups[i] = (members, np.union1d(times, own))
                 break
@@ -539,9 +528,10 @@ def _described(series: tuple[tuple[str, ...], ...], layout: Layout) -> list[Colu
 # Plain rows are read by compiled loops, all other lines by the line reader, with the same values and account.
 
 
-HEAD_BYTES, HEAD_LINES = (65536, 1 << 20), 1 << 15
-"""How much is sniffed: 64 KiB, and where that shows no data (a long preamble) 1 MiB.
-Lines of them at most: a head of short lines would take seconds to be judged."""
+HEAD_BYTES = (65536, 1 << 20)
+"""How much is sniffed: 64 KiB, and where that shows no data (a long preamble) 1 MiB."""
+HEAD_LINES = 1 << 15
+"""Lines of them at most: a head of short lines would take seconds to be judged."""
 
 
 def read_recording(

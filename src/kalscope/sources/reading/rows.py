@@ -25,15 +25,10 @@ from kalscope.sources.reading.line_reader import TAIL_LINES, Kind, LineEvent, Li
 from kalscope.sources.reading.sniffer import Layout
 from kalscope.sources.reading.text_file import open_text, read_line
 
-_MAX_NUMBERS, _MAX_ODD, MAX_WORDS = 1 << 18, 1 << 14, 8
-"""Numbers that are read at once: 2 MiB, which fits a processor's cache.
-Cells and lines of them that the compiled loops leave to the line reader.
-Words that say "no sample" of which the report gives the count."""
-
-BLOCK_SIZE, BLOCK_NUMBERS, MAX_BYTES_BY_LINE = 1 << 19, 1 << 16, 1 << 15
-"""Characters read at once, between two progress reports.
-Numbers that are gathered row by row before they are put into their columns.
-A file up to this size is read line by line, in less time than the compiled loops take to load."""
+BLOCK_SIZE = 1 << 19
+"""Characters read at once, between two progress reports."""
+MAX_BYTES_BY_LINE = 1 << 15
+"""A file up to this size is read line by line, in less time than the compiled loops take to load."""
 
 
 @dataclass
@@ -72,7 +67,7 @@ class Tally:
     @property
     def notes(self) -> list[str]:
         """Sentences about words that say "no sample" and about a last line without newline."""
-        often = self.missing.most_common(MAX_WORDS)
+        often = self.missing.most_common(8)
         said = [f'"{word}" is a missing sample: {n} {"cell" if n == 1 else "cells"}' for word, n in often]
         return [*said, *([self.ending] if self.ending else [])]
 
@@ -117,8 +112,9 @@ class _TableReader:
         self.reader = LineReader(layout, options.without_numbers())
         self._form = None if by_line else row_form(layout, options, self.reader)
         width = len(layout.columns)
-        self._out = np.empty((0 if self._form is None else max(16, _MAX_NUMBERS // width), width))
-        self._odd = np.empty((max(_MAX_ODD, width + 1), 4), dtype=np.int64)
+        # 2 MiB of numbers at once fit a processor's cache.
+        self._out = np.empty((0 if self._form is None else max(16, (1 << 18) // width), width))
+        self._odd = np.empty((max(1 << 14, width + 1), 4), dtype=np.int64)
         self._number = 1
         self._above = b""
 
@@ -234,7 +230,7 @@ class Rows:
             else:
                 self._block.extend(self._row if self._gathers else row)
                 self._row = row if self._gathers else ()
-        if len(self._block) >= BLOCK_NUMBERS:
+        if len(self._block) >= 1 << 16:
             self._empty_block()
 
     def _belongs(self, row: Sequence[float]) -> bool:

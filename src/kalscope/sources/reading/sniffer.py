@@ -56,10 +56,12 @@ from kalscope.sources.reading.time_columns import find_time, time_name
 # Labels that come in turn, one or a few per line: `Temp: 21.5`, then `Hum: 40`, then the next `Temp`.
 
 
-MIN_CYCLES, _MIN_COMPLETE, MAX_INSIDE = 4, 0.9, 0.25
-"""How often all labels must come in turn.
-Share of the turns that must hold each usual label, and each label once.
-Largest share of the time between two turns that may pass between the first and the last line of one."""
+MIN_CYCLES = 4
+"""How often all labels must come in turn."""
+_MIN_COMPLETE = 0.9
+"""Share of the turns that must hold each usual label, and each label once."""
+MAX_INSIDE = 0.25
+"""Largest share of the time between two turns that may pass between the first and the last line of one."""
 
 
 def leading_label(rows: Sequence[Cells], labels: Sequence[int]) -> int | None:
@@ -78,7 +80,7 @@ def leading_label(rows: Sequence[Cells], labels: Sequence[int]) -> int | None:
     # A label that is in some turns only, such as the signal of the radio, is of the turn in which it comes.
     usual = [i for i in labels if sum(i in turn for turn in turns) >= _MIN_COMPLETE * len(turns)]
     whole = sum({*usual} <= {*turn} and len({*turn}) == len(turn) for turn in turns)
-    return first if len(usual) > 1 and whole >= _MIN_COMPLETE * len(turns) else None
+    return first if len(usual) > 1 and whole >= 0.9 * len(turns) else None
 
 
 # The sentences that explain a layout, and that name another one that could be meant.
@@ -111,11 +113,11 @@ def explain(head: Sequence[str], table: HeadTable, body: Body, second: HeadTable
 def _about_rows(rows: Sequence[Cells], channels: Sequence[int], decimal: str) -> list[str]:
     """The doubt whether columns without names hold one signal, written row by row: they look alike."""
     numbers = np.array([[parse_number(row[i], decimal) for i in channels] for row in rows], dtype=np.float64)
-    numbers = numbers[np.isfinite(numbers).all(axis=1)] if len(channels) >= _MIN_ALIKE else numbers[:0]
-    if len(numbers) < _MIN_ALIKE:
+    numbers = numbers[np.isfinite(numbers).all(axis=1)] if len(channels) >= 4 else numbers[:0]
+    if len(numbers) < 4:
         return []
     spread, means = numbers.std(axis=0), numbers.mean(axis=0)
-    if not (np.ptp(means) < _ALIKE * spread.min() and spread.max() < (1 + _ALIKE) * spread.min()):
+    if not (np.ptp(means) < 0.3 * spread.min() and spread.max() < 1.3 * spread.min()):
         return []
     return [Assumption(f"the {len(channels)} columns look alike: are they one signal, written row by row?")]
 
@@ -132,9 +134,10 @@ def explain_doubt(name: str, form: NumberForm, rival: NumberForm, cells: Sequenc
 # Names and units of the columns: from rows above the data, comments, settings, or a row of numeric codes.
 
 
-_MIN_CODE_ROWS = 20
-_MAX_HEADER_PLACE, _MAX_HEADER_LENGTH = 50, 4000
-"""Lines of the head that are looked at for settings and for names that break, and their length."""
+_MAX_HEADER_PLACE = 50
+"""Lines of the head that are looked at for settings and for names that break."""
+_MAX_HEADER_LENGTH = 4000
+"""Their length."""
 
 _SETTING = re.compile(r'[#%*; \t"]*+([A-Za-z][^:=,;|\t"]{0,60}+)"?[ \t]*(?::=|[:=,;|\t])[ \t]*+(\S.*)')
 _NO_SAMPLE = re.compile(r"_?(?:bad|missing|no[ _]?data|fill)[ _]?(?:flag|value|code)")
@@ -142,8 +145,6 @@ _PROCESSING = words("raw cal uncal avg mean smp sample tot total min max std med
 _NAMES = re.compile(
     r"(?:(?:channel|column|field|signal|sensor)s? ?)?(?:labels|columns|channels|fields|names|header|titles?)"
 )
-_LAST_NAMES, _LAST_UNITS = ("source", "channel data"), ("vertical units",)
-"""Settings of oscilloscopes that give the names and units of the last columns: `Source,CH2`, `Vertical Units,V`."""
 
 
 @dataclass(frozen=True)
@@ -184,9 +185,10 @@ def _listed(settings: dict[str, str], table: HeadTable, body: Body) -> tuple[Cel
         is_list = width > 1 and len(said) == len(cells) and 0 <= width - len(cells) <= ("title" in key)
         if is_list and (_NAMES.fullmatch(key) or key.endswith("units")):
             found.setdefault(key.endswith("units"), ("",) * (width - len(cells)) + cells)
-        if key in (*_LAST_NAMES, *_LAST_UNITS) and 0 < len(said) < max(2, len(filled)):
+        # Of oscilloscopes, `Source,CH2` and `Vertical Units,V` describe the last columns.
+        if key in ("source", "channel data", "vertical units") and 0 < len(said) < max(2, len(filled)):
             at = dict(zip(filled[-len(said) :], said, strict=True))
-            found.setdefault(key in _LAST_UNITS, tuple(at.get(i, "") for i in range(width)))
+            found.setdefault(key == "vertical units", tuple(at.get(i, "") for i in range(width)))
     return found.get(False, ()), found.get(True, ())
 
 
@@ -316,7 +318,7 @@ def _is_code_row(table: HeadTable, body: Body) -> bool:
     """
     decimal = table.form.decimal
     codes, rows = body.rows[0][1], [cells for _, cells in body.rows[1:]]
-    if len(rows) < _MIN_CODE_ROWS or not all(is_number(cell) and cell.isdecimal() for cell in codes):
+    if len(rows) < 20 or not all(is_number(cell) and cell.isdecimal() for cell in codes):
         return False
     sizes = [[abs(parse_number(row[i], decimal) or 0.0) for row in rows] for i in range(len(codes))]
     unlike = [i for i, code in enumerate(codes) if float(code) > 5 * max(*sizes[i], 1.0)]
@@ -330,9 +332,6 @@ def _is_code_row(table: HeadTable, body: Body) -> bool:
 #
 #     # unit volume: 1e8 m3
 
-
-_MIN_ALIKE, _ALIKE = 4, 0.3
-"""Columns, and rows, of one signal that is written row by row, and how little their means and spreads differ."""
 
 MAX_COLUMNS = 256
 """A table wider than this is not a log of samples (a list per line, an image, one case per line)."""

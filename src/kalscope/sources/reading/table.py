@@ -31,17 +31,12 @@ from kalscope.sources.reading.columns import (
 # Where the table starts, what its columns hold, and what is above and beside it.
 
 
-MIN_BESIDE_ROWS, MAX_BESIDE = 16, 64
-"""Fewest rows to judge metadata beside the data, and most rows that have it."""
-MAX_HEADER_LINES, MAX_ABOVE = 5, 0.2
-"""Lines of names, units and what was done to each column that may be above a table.
-Largest share of the rows that may be another table above the names, of calibration for instance."""
+MAX_HEADER_LINES = 5
+"""Lines of names, units and what was done to each column that may be above a table."""
 _WAYS = [re.compile(pattern) for pattern in (",", r"[ \t]+(?![\[(])", r"[ \t]{2,}|\t")]
 """How names above columns that blanks separate may be: at commas, with units in brackets, at wide gaps."""
-_RULED = frozenset("-=_+|:;,#%/ \t")
-"""Characters of a ruled line below the names."""
-_MAX_NAME, _MAX_WORDS = 40, 3
-"""A longer single cell above a column of numbers is a sentence, and so is a comment of more words a cell."""
+_MAX_NAME = 40
+"""A longer single cell above a column of numbers is a sentence."""
 
 Row = tuple[int, Cells]
 """Line number, from 1, and the cells of a line."""
@@ -117,9 +112,9 @@ def _types(rows: Sequence[Row], width: int, kinds: CellKinds) -> tuple[ColumnTyp
 def _beside(rows: Sequence[Row], width: int, kinds: CellKinds) -> frozenset[int]:
     """Columns of labels and values that are in some of the first rows only, and empty ones up to the data."""
     last = [max((place for place, (_, cells) in enumerate(rows) if cells[i]), default=-1) for i in range(width)]
-    brief = [0 <= place < min(MAX_BESIDE, len(rows) / 2) for place in last]
+    brief = [0 <= place < min(64, len(rows) / 2) for place in last]
     beside: set[int] = set()
-    for i in range(width - 1 if len(rows) >= MIN_BESIDE_ROWS else 0):
+    for i in range(width - 1 if len(rows) >= 16 else 0):
         if brief[i] and brief[i + 1] and any(kinds[cells[i]] == "text" for _, cells in rows):
             beside |= {i, i + 1}
     end = max(beside, default=-1) + 1
@@ -173,7 +168,7 @@ class _Grid:
         """
         lines = [line for line in self._lines if line.number >= least]
         best, gained, whole, other = 0, 0, 0, 0
-        few = MAX_ABOVE * sum(line.fit == "row" for line in lines)
+        few = 0.2 * sum(line.fit == "row" for line in lines)  # another table above the names, of calibration
         for i, line in enumerate(lines):
             heads = any(row.fit == "row" for row in lines[i + 1 : i + 1 + MAX_HEADER_LINES])
             if heads and line.fit == "text" and len(line.cells) >= self._least:
@@ -252,7 +247,7 @@ class _Grid:
         return tuple(found)
 
     def _is_ruled(self, text: str, cells: Cells) -> bool:
-        return not set(text) - _RULED and not (len(cells) > 1 and are_units(cells))
+        return not set(text) - set("-=_+|:;,#%/ \t") and not (len(cells) > 1 and are_units(cells))
 
     def _beside_names(self, cells: Cells) -> Cells:
         """The cells without a stamp that begins a line of names, and without settings above empty columns."""
@@ -289,7 +284,7 @@ class _Grid:
 def _is_name(text: str) -> bool:
     """A few words, perhaps with their unit in brackets or after a comma: not a sentence."""
     bare = text.partition("[")[0].partition("(")[0].strip()
-    short = 0 < len(bare) <= _MAX_NAME and len(bare.split()) <= _MAX_WORDS
+    short = 0 < len(bare) <= _MAX_NAME and len(bare.split()) <= 3
     return short and not bare.endswith(":") and not any(mark in bare for mark in "\t;|")
 
 
@@ -314,10 +309,8 @@ def header_cells(text: str, delimiter: str, width: int) -> Cells:
 # Pure functions on text.
 
 
-_MAX_CELLS, MIN_RUN, MAX_JUDGED = 4096, 3, 500
-"""A line of more cells is not a row of any table.
-Successive lines of another width that mean a new field, not damage.
-Rows of a run by which two widths are compared."""
+_MAX_CELLS = 4096
+"""A line of more cells is not a row of any table."""
 _BEGIN = re.compile(
     r"[\W_]*(?:(?:begin|start)(?: of)?[ _]?)?"
     r"(?:data|end[ _]?of[ _]?header|end[ _]header|(?<=\*)end|(?<=# )columns: [0-9]+)[\W_]*",
@@ -325,14 +318,6 @@ _BEGIN = re.compile(
 )
 SCALE = re.compile(r"[ \t]{0,8}(1\.0e[+-][0-9]{2}) \*[ \t]{0,8}")
 """The common factor that MATLAB prints above a matrix."""
-_MAX_PREFACE, MIN_TEXT_SHARE = 2000, 0.04
-"""Lines above which a table begins.
-Of the lines, the share that must look like data in a table of mostly text, whose rows all look alike."""
-MIN_UNIFORM, MIN_UNIFORM_LINES = 0.6, 20
-"""Of the lines with numbers, the share that must have one width, where there are so many: records of several lines
-are not a table."""
-MIN_COMPLETE, MIN_COMPLETE_ROWS = 0.95, 20
-"""Share of labelled lines that hold every label, and how many there must be, for the others to be damaged."""
 MIN_TOPIC = 4
 """Lines of a topic by which it is a channel; of another label a tenth of the lines."""
 
@@ -342,7 +327,7 @@ def marked_begin(head: Sequence[str]) -> int:
 
     There must be more lines with digits below it than above.
     """
-    marks = [i for i, line in enumerate(head[:_MAX_PREFACE], 1) if len(line) < 40 and _BEGIN.fullmatch(line)]
+    marks = [i for i, line in enumerate(head[:2000], 1) if len(line) < 40 and _BEGIN.fullmatch(line)]
     if not marks:
         return 0
     digits = [any(c.isdecimal() for c in line) and not is_comment(line) for line in head]
@@ -427,13 +412,13 @@ def _as_table(
     for line in lines:
         weight[widths[line.shape]] += likely[line.shape]  # type: ignore[assignment]
     width = max(weight, key=lambda width: weight[width], default=0)
-    if not width or weight[width] < MIN_TEXT_SHARE * len(lines):
+    if not width or weight[width] < 0.04 * len(lines):  # in a table of mostly text few cells are data
         return None
     rows = [(line.number, split(line.text)) for line in lines if likely[line.shape]]
     above = ((line.number, split(line.text)) for line in reversed(lines))
     width, narrow = _grown_width(rows, above, width, kinds)
     total = sum(weight[w] for w in (width, *narrow))
-    if len(lines) >= MIN_UNIFORM_LINES and total < MIN_UNIFORM * sum(weight.values()):
+    if len(lines) >= 20 and total < 0.6 * sum(weight.values()):  # records of several lines are not a table
         return None
     rows = [(n, cells + ("",) * (width - len(cells))) for n, cells in rows if len(cells) in (width, *narrow)]
     return HeadTable(total / len(lines), form, width, tuple(rows), narrow)
@@ -452,13 +437,13 @@ def _grown_width(rows: list[Row], above: Iterable[Row], width: int, kinds: CellK
         kinds: The kinds of cells.
     """
     runs = [list(run) for _, run in groupby(rows, key=lambda row: len(row[1]))]
-    runs = [run for run in runs if len(run) >= MIN_RUN and len(run[0][1]) > 1]
+    runs = [run for run in runs if len(run) >= 3 and len(run[0][1]) > 1]  # fewer are damage
     begin = runs[0][1][0] if runs else 0  # `Gain,24` above the names may look like the first row of the first run
     texts = (cells for number, cells in above if number < begin and only_text(cells, kinds.decimal))
     named = len(next(texts, ()))
     long: dict[int, list[Row]] = {}
     for run in runs:
-        long.setdefault(len(run[0][1]), []).extend(run[:MAX_JUDGED])
+        long.setdefault(len(run[0][1]), []).extend(run[:500])
     if rows and width < named == len(rows[0][1]):
         long.setdefault(named, rows[:1])  # it alone holds what is the same in all: a serial number
     if len(long) < 2 or width not in long:
@@ -489,7 +474,7 @@ def _labelled(lines: list[HeadLine], some: Mapping[str, Sequence[str]], plan: Pl
     if not rows:
         return None
     whole = sum(found.keys() >= set(labels) for _, found in pairs)
-    complete = len(rows) >= MIN_COMPLETE_ROWS and whole >= MIN_COMPLETE * len(rows)
+    complete = len(rows) >= 20 and whole >= 0.95 * len(rows)  # then the others are damaged
     form = LineFormat("labels", labels=labels, complete=complete)
     return HeadTable(len(rows) / len(lines), form, len(labels), rows)
 
@@ -513,14 +498,8 @@ def _teleplot(lines: list[HeadLine]) -> HeadTable | None:
 # Which of the ways to split a log is the best, and which other one comes close. Pure functions.
 
 
-MIN_SHARE, CLOSE = 0.15, 0.9
-"""Of the lines of the head, the share that must look like data: boot text may outweigh a short log.
-A second way with at least this share of the best score could be meant as well."""
-BLANKS, BARE_COMMA, LISTED = 0.76, 0.5, 1.01
-"""What the score is multiplied with: of rows split at blanks, which may be inside the cells of a stamp or a text;
-of a single column with decimal commas and no name, which any two numbers are; of `21,5, 40,2`, where the comma
-before a blank separates."""
-_COMMA_INSIDE = re.compile(r"[0-9],[0-9]")
+MIN_SHARE = 0.15
+"""Of the lines of the head, the share that must look like data: boot text may outweigh a short log."""
 
 
 def weigh(lines: list[HeadLine], tables: list[HeadTable]) -> tuple[HeadTable | None, HeadTable | None]:
@@ -535,7 +514,7 @@ def weigh(lines: list[HeadLine], tables: list[HeadTable]) -> tuple[HeadTable | N
     if not order:
         return None, None
     best = found[order[0]]
-    close = (found[i] for i in order if scores[i] >= CLOSE * scores[order[0]] and found[i].rows != best.rows)
+    close = (found[i] for i in order if scores[i] >= 0.9 * scores[order[0]] and found[i].rows != best.rows)
     tables_only = (table for table in close if best.form.kind == table.form.kind == "table")
     return best, next(tables_only, None)
 
@@ -547,10 +526,12 @@ def _score(lines: list[HeadLine], table: HeadTable) -> float:
         return table.score
     if form.delimiter == " ":
         some = [line.text for line in lines[::step]]
-        listed = sum(2 * len(_COMMA_INSIDE.findall(text)) > text.count(", ") > 0 for text in some)
-        return table.score * (LISTED if form.decimal == "," and 2 * listed > len(some) else BLANKS)
+        listed = sum(2 * len(re.findall(r"[0-9],[0-9]", text)) > text.count(", ") > 0 for text in some)
+        # Blanks may be inside the cells of a stamp or a text, but of `21,5, 40,2` they separate.
+        return table.score * (1.01 if form.decimal == "," and 2 * listed > len(some) else 0.76)
     if table.width > 1:
         return table.score
     above = [line.text for line in lines if line.number < table.rows[0][0]][-1:]
     is_named = above and "," not in above[0] and only_text(above, form.decimal)
-    return table.score * (BARE_COMMA if form.decimal == "," and not is_named else 1.0)
+    # Any two numbers are a single column with decimal commas.
+    return table.score * (0.5 if form.decimal == "," and not is_named else 1.0)

@@ -29,7 +29,8 @@ from kalscope.sources.grammar.timestamps import is_stamp
 # What a packed file holds: gzip and Zstandard, bounded, with progress, and refused when cut short.
 
 
-GZIP, ZSTANDARD = b"\x1f\x8b", b"\x28\xb5\x2f\xfd"
+GZIP = b"\x1f\x8b"
+ZSTANDARD = b"\x28\xb5\x2f\xfd"
 
 
 def unpacked(path: Path, name: str, progress: Progress) -> Iterator[bytes]:
@@ -85,17 +86,15 @@ _FOREIGN = {
     b"ARROW1": "an Arrow file, which can be written as Parquet",
     b"version https://git-lfs": "a Git LFS pointer, which `git lfs pull` replaces with the file itself",
 }
-_CHUNK, _HEAD = 1 << 20, 1 << 16
+_HEAD = 1 << 16
 """Bytes that are looked at to find out whether a file is text or binary."""
-_NUL_RUN = re.compile(rb"\0{16,}")
-"""So many NULs in a row are a part of the file that was never written, as on a card that lost power."""
-_MAX_CONTROL = 0.1
-"""Largest share of control bytes in a text file, as from a noisy wire."""
 _CONTROL = re.compile(rb"[\x00-\x08\x0b\x0e-\x1f]")
 
 
-MAX_LINE, CUT = 1 << 20, "\ufffd"
-"""Characters of a line that are read, and what ends the last cell of a longer line, so that it is not a number."""
+MAX_LINE = 1 << 20
+"""Characters of a line that are read."""
+CUT = "\ufffd"
+"""What ends the last cell of a longer line, so that it is not a number."""
 
 SAMPLE_BYTES = 16384
 """Bytes of each of the places further down where the form is checked."""
@@ -160,7 +159,7 @@ def _open_raw(path: Path, target: Path, beside: Executor, left: Event, progress:
 def _sha256(path: Path, left: Event) -> str:
     digest = hashlib.sha256()
     with path.open("rb") as file:
-        while piece := file.read(_CHUNK):
+        while piece := file.read(1 << 20):
             if left.is_set():
                 raise Cancelled("the file was closed before it was hashed")
             digest.update(piece)
@@ -199,9 +198,9 @@ def find_encoding(raw: RawFile, progress: Progress) -> str:
     what = next((what for magic, what in _FOREIGN.items() if head.startswith(magic)), "")
     if head.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
         return "utf-16"
-    # Long runs of NULs between text are left to the reader of lines.
-    text = _NUL_RUN.sub(b"", head[:_HEAD]).replace(ESCAPE.encode(), b"")
-    is_text = len(_CONTROL.findall(text)) <= _MAX_CONTROL * len(text) and text
+    # Long runs of NULs were never written, as on a card that lost power; some bytes are those of a noisy wire.
+    text = re.sub(rb"\0{16,}", b"", head[:_HEAD]).replace(ESCAPE.encode(), b"")
+    is_text = len(_CONTROL.findall(text)) <= 0.1 * len(text) and text
     if not what and not is_text and (first := _CONTROL.search(head)):
         line = head[: first.start()].count(10) + 1
         what = f"binary data, the first byte is 0x{first[0].hex().upper()}, on line {line}"
@@ -216,7 +215,7 @@ def _is_utf8(path: Path, progress: Progress) -> bool:
     """True where all bytes are UTF-8; in pieces, because a file may be larger than the memory."""
     try:
         with path.open("rb") as file:
-            for _ in codecs.iterdecode(iter(lambda: file.read(_CHUNK), b""), "utf-8"):
+            for _ in codecs.iterdecode(iter(lambda: file.read(1 << 20), b""), "utf-8"):
                 progress(0.0, "reading")
     except UnicodeDecodeError:
         return False
@@ -270,7 +269,7 @@ def _documents(lines: Iterator[str]) -> Iterator[str]:
 
 def _in_blocks(head: bytes) -> bool:
     """Whether most lines have a label, and one label comes first below most lines that are a stamp or blank."""
-    lines = head.decode("utf-8", "replace").splitlines()[:_MAX_JUDGED]
+    lines = head.decode("utf-8", "replace").splitlines()[:400]
     first, labelled, begins = Counter[str](), 0, True
     for line in lines:
         is_parting = is_blank(line) or bool(_stamp_alone(line))
@@ -319,8 +318,8 @@ def _tuples(lines: Iterator[str]) -> Iterator[str]:
 
 _KEY = re.compile(r"( {0,40})(?:- )?([A-Za-z_][\w/-]{0,60}):(?: {1,20}(\S.*))?")
 _TUPLE = re.compile(r"\(((?:[^()']|'[^']*'){1,4000})\)[,;\s]")
-_LABEL, _MAX_JUDGED = re.compile(r"[ \t]*([A-Za-z_][^:=]{0,60})[:=]"), 400
-"""What begins a labelled line; lines that show whether these come in blocks."""
+_LABEL = re.compile(r"[ \t]*([A-Za-z_][^:=]{0,60})[:=]")
+"""What begins a labelled line."""
 _REWRITTEN: dict[str, tuple[bytes, Callable[[bytes], object], Callable[[Iterator[str]], Iterator[str]]]] = {
     "of NMEA, GGA gives the altitude and RMC the speed, both the clock; other sentences are comments": (
         *(b"*", re.compile(rb"^\$[A-Z]{2}(?:GGA|RMC),[0-9]{6}", re.MULTILINE).search, _positions),

@@ -59,7 +59,8 @@ _FILLERS = words(
 # Other words for a unit are also quantities or counts: h, d, min, hour.
 _LONE_UNITS = {word for word, unit in UNIT_OF_WORD.items() if unit in ("s", "ms", "us", "ns")}
 _RISING_UNITS = words("day days year years yr hours minutes mins")
-_WORD, _CAMEL = re.compile(r"[^\W_]+"), re.compile(r"(?<=[a-z0-9])(?=[A-Z])")
+_WORD = re.compile(r"[^\W_]+")
+_CAMEL = re.compile(r"(?<=[a-z0-9])(?=[A-Z])")
 
 
 def time_name(column: Column) -> TimeName:
@@ -177,10 +178,10 @@ def _role(name: str, places: Iterable[PartRole] = ()) -> PartRole | None:
 # All columns, alone or together, that may be the time, and the points of each.
 
 
-_MAX_BACK_WEAK, _MIN_ROWS, _MIN_FILL = 0.02, 8, 0.5
-"""Share of steps back with which numbers may be a time where there is a mere hint.
-Rows from which a clear name can be wrong, and fewest by which numbers without a name are recognised."""
-_NEVER = ("row name", "row number", "metadata", "empty")
+_MAX_BACK_WEAK = 0.02
+"""Share of steps back with which numbers may be a time where there is a mere hint."""
+_MIN_ROWS = 8
+"""Rows from which a clear name can be wrong, and fewest by which numbers without a name are recognised."""
 
 Weighed = tuple[float, TimeColumn]
 """Columns that may be the time, with their points."""
@@ -191,7 +192,7 @@ def find_candidates(columns: list[Column], rows: list[Cells], decimal: str, opti
     names = [time_name(column) for column in columns]
     forms: dict[int, TimeColumn] = {}
     for i, (column, name) in enumerate(zip(columns, names, strict=True)):
-        if column.role in _NEVER:
+        if column.role in ("row name", "row number", "metadata", "empty"):
             continue
         if name.strength or column.role == "text" or options.time_format is not None:
             form = find_stamp_form([row[i] for row in rows], decimal, name, options)
@@ -262,7 +263,7 @@ def _weighed(column: TimeColumn, names: list[TimeName], rows: list[Cells], decim
     evidence = judge(stamps, column)
     stamps = stamps[np.isfinite(stamps)]
     clear = names[column.index].strength == 2
-    if evidence.fill < _MIN_FILL or (len(rows) > 1 and not evidence.distinct):
+    if evidence.fill < 0.5 or (len(rows) > 1 and not evidence.distinct):
         return None
     if column.kind != "number":
         form = 1.5 if column.kind == "calendar" and not _are_days(stamps) else 0.75
@@ -282,10 +283,6 @@ def stamps_of(column: TimeColumn, rows: Sequence[Cells], decimal: str) -> Array:
 
 
 # Numbers that are the time although no name says it.
-
-
-_MIN_STEPS_FROM_1970 = 3
-"""Steps forward that stamps since 1970 without a name must show; between them they may repeat."""
 
 
 def unnamed_time(columns: list[Column], rows: list[Cells], decimal: str, *, named: bool) -> TimeColumn | None:
@@ -315,7 +312,7 @@ def unnamed_time(columns: list[Column], rows: list[Cells], decimal: str, *, name
             continue
         is_channel, is_ramp, steps = i in channels, _is_ramp(stamps), np.diff(stamps)
         rises = bool(np.all(steps >= 0))
-        in_order = np.count_nonzero(steps) >= _MIN_STEPS_FROM_1970 and (rises or in_order_is_even(stamps))
+        in_order = np.count_nonzero(steps) >= 3 and (rises or in_order_is_even(stamps))
         rules = (
             (4, is_channel and form.kind == "calendar" and rises),
             (3, i == 0 and may_lead and is_ramp),
@@ -347,9 +344,8 @@ def _is_ramp(stamps: Array) -> bool:
 # A name is a hint. How many rows have a stamp, whether the stamps rise, and how fine they are decide.
 
 
-_MAX_ROWS, _CLOSE = 600, 1.0
-"""Rows that are weighed: the first, and some of the middle and the end.
-A candidate at most this many points below the best is named."""
+_MAX_ROWS = 600
+"""Rows that are weighed: the first, and some of the middle and the end."""
 
 
 def find_time(
@@ -391,7 +387,7 @@ def find_time(
         return unnamed_time(columns, rows, decimal, named=named)
     points, best = found[0]
     rival = next((one for one in found if not {*one[1].indices} & {*best.indices}), None)
-    if rival is not None and rival[0] >= points - _CLOSE and (name := names[rival[1].index]):
+    if rival is not None and rival[0] >= points - 1 and (name := names[rival[1].index]):
         note = Assumption(f'the time could also be "{name}": --time-column "{name}"')
         best = replace(best, notes=(*best.notes, note))
     return best
