@@ -80,7 +80,7 @@ def start(browser, tmp_path: Path, request: pytest.FixtureRequest) -> Iterator[C
                 url = running.enter_context(dashboard(*arguments, cwd=tmp_path))
                 return running.enter_context(Screen(browser, url, **page))
             screen: SharedPage = request.getfixturevalue("one_page")
-            screen.open(*arguments, **page)
+            screen.open(*arguments, failures=request.session.testsfailed, **page)
             running.callback(screen.check)
             return screen
 

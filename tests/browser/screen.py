@@ -96,7 +96,7 @@ def settings_in(folder, *, tour_seen=True):
 class Screen:
     """One page on the program, in either browser."""
 
-    def __init__(self, browser, url, width=1600, height=900, script=""):
+    def __init__(self, browser, url, width=1440, height=900, script=""):
         self.context = browser.new_context(viewport={"width": width, "height": height}, accept_downloads=True)
         self.context.add_init_script(NOTE_NOTICES + script)
         self.page = self.context.new_page()
@@ -289,17 +289,22 @@ class SharedPage(Screen):
         """Args: the browser; the link; the connection to `reopening.serve`; the settings of the program."""
         super().__init__(browser, url)
         self._program, self._sections = program, program.recv()
-        self.settings = settings
+        self.settings, self._failures = settings, 0
 
-    def open(self, source, width=1600, height=900):
-        """Begin with a source in a window of this size."""
-        if self.page.locator(".mantine-Modal-root").count():  # left by a test that failed
-            self.page.reload()
-            self.ready()
+    def open(self, source, width=1440, height=900, failures=0):
+        """Begin with a source in a window of this size; load the page anew if a test has failed since."""
         self.page.mouse.move(2, 2)
         self.page.set_viewport_size({"width": width, "height": height})
+        while self._program.poll():
+            self._program.recv()  # the answer to a test that has failed
         self._program.send(source)
+        assert self._program.poll(PATIENCE), f"{source} must be shown within {PATIENCE:g} s"
         mark = self._program.recv()
+        if failures > self._failures:
+            self._failures = failures
+            self.page_errors.clear()
+            self.page.mouse.up()
+            self.page.reload()
         if isinstance(mark, Exception):
             raise mark
         self.wait("(mark) => !!document.getElementById(mark)", mark)

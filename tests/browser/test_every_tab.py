@@ -9,7 +9,7 @@ pytestmark = pytest.mark.browser
 
 RECORDING = "synthetic:random_walk?channels=3&n=3000&sample_period=0.01"
 WINDOWS = {"light": {"width": 1280, "height": 720}, "dark": {"width": 1920, "height": 1080}}
-"""Theme and size; most other tests open 1600 by 900."""
+"""Theme and size; most other tests open 1440 by 900."""
 RULES = {"light": (), "dark": ("color-contrast",)}
 """What axe-core judges in each theme, () = everything: only the colours are others."""
 LEFT_TABS = ("Tune", "Source", "Export", "View", "Help")

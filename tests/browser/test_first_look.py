@@ -35,7 +35,7 @@ def layout(screen):
 
 
 def test_every_load_shows_the_same_values_in_one_layout_and_no_page_overwrites_what_another_types(start, browser):
-    screen = start("demo", own=True, script=WATCH_LAYOUT, width=1440, height=900)
+    screen = start("demo", own=True, script=WATCH_LAYOUT)
     assert np.array_equal(screen.line("raw")[1], DEMO)
     screen.wait_for_line("filtered", filtered(DEMO))
     first = layout(screen)
@@ -79,7 +79,7 @@ def test_the_first_screen_has_the_demo_at_its_starting_values_and_at_most_eighte
     rows = "".join(f"{i},{a:.6f},{b:.6f}\n" for i, a, b in calm)
     (tmp_path / "log.csv").write_text(f"time,near,far\n{rows}50,-200,-200\n61,-200,-200\n")
     for source, name in (("sample:tank_level", "channel"), ("log.csv", "Read -200 as missing"), ("demo", "Map")):
-        screen = start(source, width=1440, height=900)
+        screen = start(source)
         screen.wait_for_fit()
         screen.wait(f"(name) => ({IN_SIGHT})().includes(name)", name)  # the names come last
         screen.wait(f"() => ({IN_SIGHT})().some((name) => name.startsWith('log₁₀ q'))")

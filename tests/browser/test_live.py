@@ -20,15 +20,15 @@ def test_a_board_shows_every_count_is_tuned_recorded_and_waited_for_and_its_reco
 ):
     sketch = workshop.sketch(STREAM, (r"(?<=SAMPLES_PER_SECOND = )200", "300"))
     board = start_board(sketch, np.arange(1024))
-    screen = start("demo", width=1440, height=900)
+    screen = start("demo")
     screen.tab("Source")
     screen.choose("port", "Other address …")
     screen.type("address", board.port)
     screen.press("Connect")
     screen.button("Disconnect").wait_for()
     screen.choose("shows the last", "5 s")
-    screen.wait(f"() => ({FIND})('raw')?.data[1].filter(value => value > 1).length > 100")
-    screen.wait(f"() => {{ const x = ({FIND})('raw').data[0]; return x.at(-1) - x[0] < 5.5; }}")
+    screen.wait(f"""() => {{ const [x, y] = ({FIND})('raw')?.data ?? [[], []];
+        return x.at(-1) - x[0] < 5.5 && y.filter(value => value > 1).length > 100; }}""")
     seen = set()
 
     def all_counts_seen():  # a loaded machine's board is slow, and 5 s of it may hold fewer than all

@@ -48,7 +48,7 @@ def test_a_question_about_the_file_is_answered_by_its_button_and_missing_samples
     log = tmp_path / "echo.csv"
     values = np.array([400.0 if i % 6 == 3 or 80 <= i < 100 else 20 + i % 30 for i in range(200)])
     log.write_text("time_ms,distance (cm)\n" + "".join(f"{60 * i},{z:.0f}\n" for i, z in enumerate(values)))
-    screen = start("echo.csv", width=1440, height=900)
+    screen = start("echo.csv")
     screen.wait_for_line("raw", values)
     question = screen.page.locator("p", has_text="Is 400 a missing value? It occurs 49 times")
     question.wait_for()
