@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from kalscope.errors import BadFile
+from kalscope.sources.reading.recording_file import read_recording
 
 N = 40
 A = [round(20 + 3 * math.sin(i / 9), 2) for i in range(N)]
@@ -143,6 +144,11 @@ LOGS = {
     "date of a British shell": log("30 s, temp ['C] = A; volt [V] = B",
         lambda i: f"Thu 14 Mar {clock(i, 30)} GMT 2024\ntemp={A[i]}'C\nvolt={B[i]}V"),
     "marks before a label": log("no rate, X = A; Y = B", lambda i: f"{'! ' * (i < 5)}X: {A[i]} Y: {B[i]}"),
+    "IAGA-2002": log("60 s, BOUH = A; BOUF = B", " Format      IAGA-2002      |\n # DECBAS    5527      |\n"
+        "DATE       TIME         DOY   BOUH   BOUF   |\n",
+        lambda i: f"2024-03-14 {clock(i, 60)}.000 074     {A[i]}  {B[i]}"),
+    "names on two lines": log("60 s, temp [C] = A; quality = B", "Zeit,temp (C),temp (C)\n,,quality\n",
+        lambda i: f"2024-03-14 {clock(i, 60)},{A[i]},{B[i]}"),
     "weekdays are no sensors": log("86400 s, a = A", "date,day,a\n",
         lambda i: f"2024-{3 + i // 28:02}-{1 + i % 28:02},{DAYS[i % 7]},{A[i]}"),
     "256 columns and a separator": log("no rate, value 256 = A", lambda i: ";".join([str(A[i])] * 256) + ";"),
@@ -347,3 +353,11 @@ def test_units_that_repeat_are_no_names(read):
 def test_debris_is_refused(read, text):
     with pytest.raises(BadFile, match="must"):
         read(text)
+
+
+@pytest.mark.parametrize(("encoding", "name"), [
+    ("cp1251", "Температура"), ("cp932", "気温"), ("gb2312", "湿度"), ("latin-1", "Größe")])  # fmt: skip
+def test_names_of_any_language_are_read_in_their_encoding(tmp_path, encoding, name):
+    text = f"t (s),{name} (C)\n"
+    (tmp_path / "a.csv").write_bytes((text + rows(lambda i: f"{i},{A[i]}\n")).encode(encoding))
+    assert read_recording(tmp_path / "a.csv").names == (name,)

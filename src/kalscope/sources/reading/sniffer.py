@@ -238,7 +238,10 @@ def read_header(head: Sequence[str], settings: dict[str, str], table: HeadTable,
     listed = listed or _declared(head, body)
     names, notes, columns = listed, ["no header line"], [Column("")] * table.width
     if rows:
-        columns, notes = _named(rows[-1], table, body)
+        (number, cells), (_, upper) = rows[-1], [*above, rows[-1]][len(rows)]
+        if len(cells) == len(upper):  # `temp,temp` above `,quality`
+            cells = tuple(cell or other for cell, other in zip(cells, upper, strict=True))
+        columns, notes = _named((number, cells), table, body)
         notes[0] += f", units from line {unit_row[0]}" if unit_row else ""
     elif names:
         notes = ["names from the lines above the table"]

@@ -294,7 +294,7 @@ def header_cells(text: str, delimiter: str, width: int) -> Cells:
     Names of columns that blanks separate may be separated otherwise: `t [us]   torque`, `Air Temp  Rel Hum`. Names
     above tabs may be as well.
     """
-    cells = tuple(split_fields(text, delimiter))
+    cells = tuple(split_fields(text.rstrip(" |") if delimiter == " " else text, delimiter))
     if is_comment(text) and (delimiter == " " or next(filter(None, cells)).strip("#%/")):
         text = text.strip().lstrip("#%/").strip()
         cells = tuple(split_fields(text, delimiter))

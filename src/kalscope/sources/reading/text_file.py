@@ -208,7 +208,7 @@ def find_encoding(raw: RawFile, progress: Progress) -> str:
         raise BadFile(f"{name} must be a text file (got {what})")
     if head.startswith(codecs.BOM_UTF8):
         return "utf-8-sig"
-    return "utf-8" if _is_utf8(raw.path, progress) else "latin-1"
+    return "utf-8" if _is_utf8(raw.path, progress) else _legacy_encoding(head[:_HEAD].rpartition(b"\n")[0])
 
 
 def _is_utf8(path: Path, progress: Progress) -> bool:
@@ -220,6 +220,23 @@ def _is_utf8(path: Path, progress: Progress) -> bool:
     except UnicodeDecodeError:
         return False
     return True
+
+
+_SCRIPTS = {
+    "cp1251": re.compile("[А-Я]?[а-я]{3,}|[А-Я]{3,}"),
+    "cp932": re.compile("[\u3040-\u30ff\u4e00-\u9fff]{2,}"),
+    "gb2312": re.compile("[\u4e00-\u9fff]{2,}"),
+}
+"""Encodings older than UTF-8, with words as they are in no text of another one; of Western languages: Latin-1."""
+
+
+def _legacy_encoding(head: bytes) -> str:
+    """The encoding in which most characters that are not ASCII are in words of its script."""
+    for encoding, word in _SCRIPTS.items():
+        text = head.decode(encoding, "replace")
+        if 2 * len("".join(word.findall(text))) > sum(not c.isascii() for c in text):
+            return encoding
+    return "latin-1"
 
 
 def unusual_marks(raw: RawFile) -> tuple[str, ...]:
