@@ -65,6 +65,9 @@ FITS = """() => { const box = (one) => one.getBoundingClientRect(), map = box(do
         && pane.clientHeight - (charts.at(-1).bottom - box(pane).top) < 40; }"""
 """Whether both panels, an open map between them and the charts of the Signal tab fill the window."""
 
+OPENED = "xpath=//*[contains(@class, 'tabler-icon-chevron-up')]/.."
+"""Headings of the sections that are open."""
+
 ARE_CLOSED = """(closed) => [...document.querySelectorAll(':has(> .tabler-icon-chevron-down)')]
     .every((heading) => !closed.includes(heading.textContent) || !heading.nextElementSibling.checkVisibility())"""
 """Whether no section of these names is still closing: one that is opened meanwhile would stay empty."""
@@ -317,7 +320,7 @@ class SharedPage(Screen):
 
     def _close_sections(self):
         """Close what a fresh page has closed, each in its tab: out of sight, its transition would never end."""
-        for heading in reversed(self.page.query_selector_all(":has(> .tabler-icon-chevron-up)")):  # inner first
+        for heading in reversed(self.page.query_selector_all(OPENED)):  # inner first
             if heading.text_content() in self._sections:
                 for tab in self.page.query_selector_all("[data-dock-tab]"):
                     if heading.is_visible():

@@ -121,7 +121,7 @@ def test_the_first_screen_has_the_demo_at_its_starting_values_and_at_most_eighte
 
 
 def test_help_hints_commands_and_headings_lead_to_every_action(start):
-    screen = start("demo", width=1280, height=720)
+    screen = start("demo")
     screen.tab("Help")
     screen.page.get_by_text("Ctrl+Shift+Z, Ctrl+Y").wait_for()
     screen.press("Show the first steps")

@@ -78,7 +78,7 @@ class Keys:
 
 
 def test_a_signal_is_tuned_opened_and_exported_without_a_mouse(start, tmp_path):
-    screen = start("demo", width=1280, height=720)
+    screen = start("demo")
     keys, z = Keys(screen.page), DEMO.values[:, 0]
     keys.go_to("button", "Map")
     assert keys.go_to("button", "Apply") == 4  # one stop for the tabs, then goal and value

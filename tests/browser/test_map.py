@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -35,6 +36,7 @@ class MapScreen:
         self.state = opened(open_source(source))
         self.map = compute_map(self.state, Cache())
         self.frame, self.size = self.map.frame, (MapFrame.width, MapFrame.height)
+        self.picture = cache(lambda dark: draw_map_picture(self.state.with_view(dark=dark), self.map))
         if not self.button("Hide map").count():
             self.press("Map")
         self.wait(f"() => ({CANVAS})()[2] > 200")
@@ -57,7 +59,7 @@ class MapScreen:
     def is_drawn(self, rgb):
         """Whether these pixels are those of the picture in the theme of the page, but for the mark."""
         scheme = self.page.evaluate("() => document.documentElement.dataset.mantineColorScheme")
-        whole = Image.fromarray(draw_map_picture(self.state.with_view(dark=scheme == "dark"), self.map))
+        whole = Image.fromarray(self.picture(scheme == "dark"))
         (left, top), (right, bottom) = (np.rint(self.on_page(*at)).astype(int) for at in ((0, 0), self.size))
         expected = np.asarray(whole.resize((right - left, bottom - top), Image.Resampling.BOX)).astype(int)
         return np.abs(rgb[top:bottom, left:right] - expected).mean() < 4

@@ -26,19 +26,20 @@ def test_the_page_says_that_the_program_has_ended_and_a_restart_brings_file_filt
         program.kill()
         bar = screen.page.get_by_text("Kalscope has stopped: start it again.")
         bar.wait_for()
-    with screen, running(tmp_path, *port, source=str(log), env=env) as (program, _):
-        bar.wait_for(state="detached")
-        screen.wait_for_value(Q, "0.25")
-        screen.wait_for_notice("The filter is as you left it")
-        screen.press("Undo")
-        screen.wait_for_value(Q, starting)
-        screen.press("Redo")
-        screen.wait_for_value(Q, "0.25")
-        assert end(program)[0] == 0
-    with running(tmp_path, *port, "--q", "7", source=str(log), env=env) as (_, url), Screen(browser, url) as screen:
-        screen.wait_for_value(Q, "7")
-    with running(tmp_path, "open", *port, source="", env=env) as (_, url), Screen(browser, url) as screen:
-        screen.wait_for_notice("log.csv was open last")
-        screen.tab("Source")
-        assert screen.text_box("path").input_value() == str(log)
-        screen.button("Hide map").wait_for()
+    with screen:
+        with running(tmp_path, *port, source=str(log), env=env) as (program, _):
+            bar.wait_for(state="detached")
+            screen.wait_for_value(Q, "0.25")
+            screen.wait_for_notice("The filter is as you left it")
+            screen.press("Undo")
+            screen.wait_for_value(Q, starting)
+            screen.press("Redo")
+            screen.wait_for_value(Q, "0.25")
+            assert end(program)[0] == 0
+        with running(tmp_path, *port, "--q", "7", source=str(log), env=env):
+            screen.wait_for_value(Q, "7")
+        with running(tmp_path, "open", *port, source="", env=env):
+            screen.wait_for_notice("log.csv was open last")
+            screen.tab("Source")
+            assert screen.text_box("path").input_value() == str(log)
+            screen.button("Hide map").wait_for()

@@ -119,7 +119,7 @@ def test_every_typed_number_counts_and_escape_brings_back_what_the_filter_uses(s
 
 
 def test_settings_are_pinned_used_and_deleted(start):
-    screen = start("demo", width=1280, height=720)
+    screen = start("demo")
     for name, q in (("A", "0.05"), ("B", "500")):
         screen.type(Q, q)
         screen.wait_for_line("filtered", filtered(DEMO, q=float(q)))
@@ -143,7 +143,7 @@ def test_settings_are_pinned_used_and_deleted(start):
 
 
 def test_a_channel_keeps_its_values_the_line_reopens_them_and_channels_are_tuned_together(start):
-    screen, axes = start("sample:lis302dl", width=1280, height=720), open_source("sample:lis302dl").values
+    screen, axes = start("sample:lis302dl"), open_source("sample:lis302dl").values
     screen.choose("channel", "z")
     screen.wait_for_line("raw", axes[:, 2])
     screen.type(Q, "7", enter=False)  # stays with its channel; the later gesture wins
