@@ -144,6 +144,10 @@ LOGS = {
     "date of a British shell": log("30 s, temp ['C] = A; volt [V] = B",
         lambda i: f"Thu 14 Mar {clock(i, 30)} GMT 2024\ntemp={A[i]}'C\nvolt={B[i]}V"),
     "marks before a label": log("no rate, X = A; Y = B", lambda i: f"{'! ' * (i < 5)}X: {A[i]} Y: {B[i]}"),
+    "bytes of a DS18B20": log("no rate, t = A",
+        lambda i: f"4b 46 7f ff 0e 10 {i:02x} : crc={i:02x} YES\n4b 46 7f ff 0e 10 {i:02x} t={A[i]}"),
+    "runs of a simulation": log("no rate, V(out) = A", "time\tV(out)\n",
+        lambda i: f"{2 ** (i % 10) * 1e-6 * (i % 10 > 0):e}\t{A[i]}"),
     "IAGA-2002": log("60 s, BOUH = A; BOUF = B", " Format      IAGA-2002      |\n # DECBAS    5527      |\n"
         "DATE       TIME         DOY   BOUH   BOUF   |\n",
         lambda i: f"2024-03-14 {clock(i, 60)}.000 074     {A[i]}  {B[i]}"),

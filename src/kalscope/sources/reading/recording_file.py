@@ -284,6 +284,8 @@ def _oldest_first(columns: Columns, layout: Layout) -> list[str]:
     back = int(np.count_nonzero(stamps[1:] < stamps[:-1]))
     if back < 2 or len(stamps) <= _MIN_FALLING:
         return []
+    if np.all(stamps[1:][stamps[1:] < stamps[:-1]] == stamps[0]):  # runs of a simulation
+        return []
     falls = 2 * back > len(stamps)
     order = np.arange(len(stamps))[:: -1 if falls else 1]
     stamps = np.unwrap(stamps[order], period=1e6 * turn_s) if turn_s else stamps[order]
