@@ -90,7 +90,7 @@ _COMMA_IN_NUMBER = re.compile(r"[0-9],[0-9]")
 _POINT_IN_NUMBER = re.compile(r"[0-9]\.[0-9]")
 _WORD = re.compile(r'(?:[^\s"]|"[^"]*")++')
 _LEVEL = re.compile(r"(?:[0-9a-f]{2} ){5,16}(?=[a-z]{1,9}=)|\[?(?:TRACE|DEBUG|INFO|NOTICE|WARN|WARNING|ERROR)\]?:?[ \t]+")
-"""What a logger writes before its text, and bytes before the value that they hold, `4b 46 7f ff 0e 10 t=23125`."""
+"""What a logger writes before its text, and bytes before the value that they hold: `4b 46 7f ff 0e t=23125`."""
 _ESPHOME = re.compile(
     r"(?:\[[^\]\s]{0,40}\]){0,3}:?[ ]?'([^']{1,60})'(?:: Sending state| >>) (\S{1,24}(?: [^\s0-9]{1,8})?)"
     r"(?: with [0-9]{1,2} decimals of accuracy)?"
