@@ -137,6 +137,7 @@ MAX_TEXT = 60
 _FOREIGN = {
     "a web page: download the file itself": re.compile(r"<!doctype html|<html|<head|<body", re.IGNORECASE),
     "an XML document: export it as CSV": re.compile(r"<\?xml|<gpx|<kml", re.IGNORECASE),
+    "raw series of Graphite: ask it for format=csv": re.compile(r"[^,|\s]{1,200},[0-9]{10},[0-9]{10},[0-9]{1,6}\|"),
     "raw frames of candump: cantools decode --single-line FILE.dbc writes their signals": re.compile(
         r"(?:\([0-9.]{1,20}\)\s{0,9})?v?can[0-9]{1,3}\s+[0-9A-Fa-f]{3,8}(?:#|\s+\[[0-9]+\])"
     ),

@@ -6,7 +6,7 @@ import re
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import count, islice, pairwise
+from itertools import count, pairwise
 from typing import Literal, NamedTuple
 
 from kalscope.errors import BadSetting
@@ -433,7 +433,8 @@ def mark_series(
         others = (i for i in range(len(columns)) if i not in times)
         found = (i for i in others if _is_key(i, columns, rows, time, decimal))
         tagged = [i for i, column in enumerate(columns) if column.name == SERIES_KEY]
-        keys, roles = tagged or list(islice(found, 1)), {}
+        finest = sorted(found, key=lambda i: -len({row[i] for row in rows}))
+        keys, roles = tagged or finest[:1], {}
         is_long, name = bool(keys), "".join(columns[i].name or f"column {i + 1}" for i in keys)
         note = f'each row is of one of {len({row[i] for row in rows for i in keys})} sensors, by "{name}"'
         note = note if tagged else Assumption(note)
@@ -467,7 +468,7 @@ def _is_key(index: int, columns: list[Column], rows: list[Cells], time: TimeColu
     named = "_".join(columns[index].name.lower().split()) in _KEYS
     times = () if time is None else time.indices
     rest = any(c.role == "channel" for j, c in enumerate(columns) if j != index and j not in times)
-    is_code = all(key.isdecimal() and len(key) <= 5 for key in keys)
+    is_code = all((key.isdecimal() and len(key) <= 5) or key == "-" for key in keys)
     is_text = role in ("text", "row name")
     if not rest or len(rows) < 12 or not (is_text or (named and role == "channel" and is_code)):
         return False

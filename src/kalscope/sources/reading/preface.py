@@ -91,7 +91,7 @@ _SECONDS = {"": 1.0} | {word: SECONDS_PER_UNIT[unit] for word, unit in UNIT_OF_W
 
 
 _STATED = re.compile(
-    rf"""(?:^|[,;|\t:=\#%/])[ "']{{0,4}}(?:(?P<rate>{_RATE})|(?P<step>{_INTERVAL}))
+    rf"""(?:^|[{{,;|\t:=\#%/])[ "']{{0,4}}(?:(?P<rate>{_RATE})|(?P<step>{_INTERVAL}))
     [ ]{{0,4}}(?:[(\[](?P<unit>[^()\[\]]{{0,24}})[)\]])?[ "':=,;|\t]{{1,8}}
     (?P<number>[-+]?[0-9]{{1,20}}(?:[.,][0-9]{{1,20}}){{0,3}}(?:e[-+]?[0-9]{{1,3}})?)
     (?P<mark>[ "',;|\t]{{0,4}})(?P<written>[^0-9,;|\t"'()]{{0,24}})""",
@@ -99,6 +99,8 @@ _STATED = re.compile(
 )
 """A key at the begin of a cell, its unit in brackets, the value, and the unit after it or in the next cell."""
 
+_AT = re.compile(r"(?<!filter )(?<!pass)(?<!cutoff)(?<!notch) at ([0-9]{1,5}(?:\.[0-9]{1,5})?) hz\b")
+"""`date format M/d/yyyy at 30 Hz` of ActiGraph."""
 _NUMBER = re.compile(r"[-+]? {0,3}\.?[0-9]")
 _THOUSANDS = re.compile(r"[-+]?0*[1-9][0-9]*,[0-9]{3}(?![0-9])")
 
@@ -118,12 +120,13 @@ def _stated_rate(head: Sequence[str]) -> Preface | None:
         text = f"{start} {line[:_MAX_LENGTH]}".strip(" \t\r\"',;").lower().replace("_", " ")
         if not is_comment(line) and _NUMBER.match(text):
             break
-        if sum(map(text.count, ",;|\t")) < 12:  # more are names, or samples
+        if '{"' in text or sum(map(text.count, ",;|\t")) < 12:  # more are names, or samples
             below = _below_names(above.lower(), line, after)
             text += below
             if below and not any(map(is_number, split_fields(above, ","))):
                 header_row = number
             found += [setting for match in _STATED.finditer(text) if (setting := _period(match))]
+            found += [(1 / float(rate), f"at {rate} Hz") for rate in _AT.findall(text) if float(rate)]
     if not 0 < len(found) < 3 or len({period for period, _ in found}) > 1:
         return None
     period, key = found[0]

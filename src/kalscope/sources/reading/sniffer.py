@@ -21,7 +21,7 @@ from kalscope.sources.grammar.cells import (
     split_measure,
     words,
 )
-from kalscope.sources.grammar.line_format import LineFormat, split_teleplot
+from kalscope.sources.grammar.line_format import LineFormat, find_object, split_teleplot
 from kalscope.sources.grammar.read_options import DEFAULTS, DELIMITERS, ReadOptions, word_of_mark
 from kalscope.sources.grammar.timestamps import TimeColumn, find_epoch
 from kalscope.sources.reading.columns import (
@@ -167,10 +167,15 @@ def settings_of(head: Sequence[str], first: int) -> dict[str, str]:
     The key is in lower case. The lines are `# Labels:= ECG;EDA`, `Vertical Units,V`, `# name 0 = timeS: Time [s]`.
     """
     found: dict[str, str] = {}
-    for line in head[: max(_MAX_HEADER_PLACE, first - 1)]:
+    for i, line in enumerate(head[: max(_MAX_HEADER_PLACE, first - 1)], 1):
         match = _SETTING.fullmatch(line) if len(line) <= _MAX_HEADER_LENGTH else None
         if match:
             found.setdefault(match[1].strip().lower(), match[2].strip())
+        elif line.startswith("[") and i < len(head):  # `[column names]` of VBOX above them
+            found.setdefault(line.strip("[] ").lower(), head[i].strip())
+        for name, value in (find_object(line[2:]) or []) if line.startswith("# {") else ():
+            # `# {"98:D3": {"column": ["nSeq", "A1"]}}` of OpenSignals: "column 0" is nSeq
+            found.setdefault(name.rpartition(".")[2].replace("[", " ").rstrip("]").lower(), value)
     return found
 
 
@@ -178,9 +183,10 @@ def _listed(settings: dict[str, str], table: HeadTable, body: Body) -> tuple[Cel
     """Names and units that lines above a table or beside it list, or give one by one."""
     width, filled = table.width, [i for i, kind in enumerate(body.types) if kind.kind != "empty"]
     names = tuple(settings.get(f"name {i}") or settings.get(f"column {i}", "") for i in range(width))
-    found: dict[bool, Cells] = {False: names} if width > 1 and all(names) else {}
+    found: dict[bool, Cells] = {False: names} if width > 1 and all(names[i] for i in filled) else {}
+    marks = r"[;,\t|]" if table.form.delimiter != " " else r"[;,\t|]\s*|\s+"
     for key, value in settings.items():
-        cells = tuple(cell.strip(" \t\"'[]") for cell in re.split(r"[;,\t|]", value))
+        cells = tuple(cell.strip(" \t\"'[]") for cell in re.split(marks, value))
         said = tuple(cell for cell in cells if cell and not is_number(cell, table.form.decimal))
         is_list = width > 1 and len(said) == len(cells) and 0 <= width - len(cells) <= ("title" in key)
         if is_list and (_NAMES.fullmatch(key) or key.endswith("units")):
@@ -295,6 +301,8 @@ def _named(row: Row, table: HeadTable, body: Body) -> tuple[list[Column], list[s
     two = len(cells) == width - 1 and body.types[0].kind == body.types[1].kind == "stamp"
     if two and time_name(named_column(cells[0])).strength and not time_name(named_column(cells[1])).strength:
         return [named_column(cells[0]), Column(""), *map(named_column, cells[1:])], notes  # date and clock
+    if more == 2 and [kind.kind for kind in body.types[:2]] == ["stamp"] * 2:  # date and clock of a frame of pandas
+        return [Column(""), Column(""), *map(named_column, cells)], notes
     since = np.array([parse_number(body.rows[0][1][0], table.form.decimal) or 0.0])
     is_dated = body.types[0].kind == "stamp" or find_epoch(since) is not None
     if len(cells) == width - 1 and is_dated and not time_name(named_column(cells[0])).strength:

@@ -138,6 +138,7 @@ class _Grid:
     def __init__(self, lines: list[HeadLine], table: HeadTable, body: Body, kinds: CellKinds) -> None:
         self._kinds, self._types, self._beside = kinds, body.types, body.beside
         self._table, self._least = table, table.least
+        self._stamps = [*(kind.kind == "stamp" for kind in body.types), False].index(False)
         self._lines: list[_Line] = []
         known, fits = {} if table.narrow else dict(table.rows), dict[str, Fit | None]()
         for line in lines:
@@ -222,8 +223,9 @@ class _Grid:
         Comments are prose more often than names: only the nearest count, and below other names only units.
         """
         lines = [line for line in self._lines if line.number < first][-MAX_HEADER_LINES:]
-        if [(line.fit, len(line.cells)) for line in lines[-2:]] == [("text", self._table.width), (None, 1)]:
-            lines.pop()  # `Step Information: R=1K` below the names
+        below = len(lines) > 1 and lines[-1].fit is None and len(lines[-1].cells) == 1
+        if below and len(lines[-2].cells) in (self._table.width, self._table.width - self._stamps):
+            lines.pop()  # `Step Information: R=1K` below the names, or the name of the index of pandas
         plain = {line.number: line.text for line in lines}
         remarks = {i: text for i, text in enumerate(head[: first - 1], 1) if is_comment(text)}
         found, closed = list[Row](), set[bool]()
@@ -274,7 +276,11 @@ class _Grid:
         else:
             # Split at blanks, any sentence has several cells.
             prose = self._table.form.delimiter == " "
-            low, high = (self._least - 1, width) if prose else (self._least - self._least // 2, 2 * width)
+            low, high = (
+                (self._least - max(1, self._stamps), width)
+                if prose
+                else (self._least - self._least // 2, 2 * width)
+            )
             fits = max(2, low) <= len(cells) <= high and not (prose and cells[-1].endswith((".", ":")))
         numeric = any(self._kinds[cell] in ("number", "stamp") for cell in cells if cell)
         is_setting = cells[0].endswith(("=", ":")) or (len(cells) == 2 and self._kinds[cells[1]] == "measure")

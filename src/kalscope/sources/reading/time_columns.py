@@ -182,6 +182,8 @@ _MAX_BACK_WEAK = 0.02
 """Share of steps back with which numbers may be a time where there is a mere hint."""
 _MIN_ROWS = 8
 """Rows from which a clear name can be wrong, and fewest by which numbers without a name are recognised."""
+_DIGITS = re.compile(r"(?:19|20)[0-9]{2}[01][0-9][0-3][0-9] [0-2][0-9](?:[0-5][0-9]){2}")
+"""`20240105 120030` of two columns without names."""
 
 Weighed = tuple[float, TimeColumn]
 """Columns that may be the time, with their points."""
@@ -191,6 +193,8 @@ def find_candidates(columns: list[Column], rows: list[Cells], decimal: str, opti
     """All columns, alone or together, that may be the time, in the order of the file."""
     names = [time_name(column) for column in columns]
     forms: dict[int, TimeColumn] = {}
+    if len(columns) > 1 and not columns[0].name and all(_DIGITS.fullmatch(f"{row[0]} {row[1]}") for row in rows):
+        names[:2] = TimeName(2, is_date=True), TimeName(2)
     for i, (column, name) in enumerate(zip(columns, names, strict=True)):
         if column.role in ("row name", "row number", "metadata", "empty"):
             continue
@@ -311,12 +315,12 @@ def unnamed_time(columns: list[Column], rows: list[Cells], decimal: str, *, name
         if stamps.size < _MIN_ROWS:
             continue
         is_channel, is_ramp, steps = i in channels, _is_ramp(stamps), np.diff(stamps)
-        rises = bool(np.all(steps >= 0))
+        rises, is_whole = bool(np.all(steps >= 0)), stamps.size >= MIN_EVEN * len(rows)
         in_order = np.count_nonzero(steps) >= 3 and (rises or in_order_is_even(stamps))
         rules = (
             (4, is_channel and form.kind == "calendar" and rises),
             (3, i == 0 and may_lead and is_ramp),
-            (2, is_channel and not (named or all_rise) and is_ramp and judge(stamps).even >= MIN_EVEN),
+            (2, is_channel and is_whole and not (named or all_rise) and is_ramp and judge(stamps).even >= MIN_EVEN),
             # A burst may share one stamp.
             (1, is_channel and stamps.size == len(rows) and in_order and find_epoch(stamps)),
         )
