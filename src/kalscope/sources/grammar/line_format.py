@@ -89,7 +89,7 @@ _AFTER_LIST = re.compile(r"(, ?[-+0-9.]{1,20}) (?=[A-Za-z_]{1,30}[:=])")
 _COMMA_IN_NUMBER = re.compile(r"[0-9],[0-9]")
 _POINT_IN_NUMBER = re.compile(r"[0-9]\.[0-9]")
 _WORD = re.compile(r'(?:[^\s"]|"[^"]*")++')
-_LEVEL = re.compile(r"(?:[0-9a-f]{2} ){5,16}(?=[a-z]{1,9}=)|\[?(?:TRACE|DEBUG|INFO|NOTICE|WARN|WARNING|ERROR)\]?:?[ \t]+")
+_LEVEL = re.compile(r"(?:[0-9a-f]{2} ){5,16}(?=\w=)|\[?(?:TRACE|DEBUG|INFO|NOTICE|WARN|WARNING|ERROR)\]?:?[ \t]+")
 """What a logger writes before its text, and bytes before the value that they hold: `4b 46 7f ff 0e t=23125`."""
 _ESPHOME = re.compile(
     r"(?:\[[^\]\s]{0,40}\]){0,3}:?[ ]?'([^']{1,60})'(?:: Sending state| >>) (\S{1,24}(?: [^\s0-9]{1,8})?)"
