@@ -83,11 +83,7 @@ Pairs = list[tuple[str, str]]
 MAX_PARTS = 2048
 """Commas, semicolons and tabs of a line."""
 
-_BETWEEN_PAIRS = re.compile(r"[,;&|\t]")
-_BUT_COMMAS = re.compile(r"[;&|\t]")
 _AFTER_LIST = re.compile(r"(, ?[-+0-9.]{1,20}) (?=[A-Za-z_]{1,30}[:=])")
-_COMMA_IN_NUMBER = re.compile(r"[0-9],[0-9]")
-_POINT_IN_NUMBER = re.compile(r"[0-9]\.[0-9]")
 _WORD = re.compile(r'(?:[^\s"]|"[^"]*")++')
 _LEVEL = re.compile(r"(?:[0-9a-f]{2} ){5,16}(?=\w=)|\[?(?:TRACE|DEBUG|INFO|NOTICE|WARN|WARNING|ERROR)\]?:?[ \t]+")
 """What a logger writes before its text, and bytes before the value that they hold: `4b 46 7f ff 0e t=23125`."""
@@ -116,8 +112,6 @@ _OF = re.compile(r"(?<![/0-9.])([0-9.]{1,12}) ?/([0-9.]{1,12})(?![/0-9.])")
 """A value and what it is compared with: `T:20.9 /210.0` of Marlin, `Quality=43/70`."""
 _CELL = re.compile(r'[,;](?! )|"')
 """What shows that the text before an object is a cell of a table, not what a logger writes."""
-_MAX_PREFIX = 240
-"""Characters before the object of `tele/barn/SENSOR = {"Temperature": 21.5}`."""
 
 
 def find_pairs(line: str) -> Pairs | None:
@@ -143,11 +137,11 @@ def find_pairs(line: str) -> Pairs | None:
 
 def _labelled(text: str, mark: str) -> Pairs | None:
     """The pairs of a text, this mark between label and value; the commas of `T=20,5;H=40,1` are decimal ones."""
-    is_decimal = text.count(mark) > 1 and len(_COMMA_IN_NUMBER.findall(text)) == text.count(",")
-    is_decimal = is_decimal and not _POINT_IN_NUMBER.search(text)
+    is_decimal = text.count(mark) > 1 and len(re.findall(r"[0-9],[0-9]", text)) == text.count(",")
+    is_decimal = is_decimal and not re.search(r"[0-9]\.[0-9]", text)
     pairs, size = Pairs(), 0
     text = _AFTER_LIST.sub(r"\1,", _OF.sub(r"\1 /\2", text))
-    for part in (_BUT_COMMAS if is_decimal else _BETWEEN_PAIRS).split(text):
+    for part in re.split(r"[;&|\t]" if is_decimal else r"[,;&|\t]", text):
         found = _pairs(part, mark) if part.strip() else []
         if found is None and not pairs and part.isalpha():
             continue  # `Idle|MPos:0,0,0` of Grbl
@@ -237,7 +231,7 @@ def _logged(text: str) -> Pairs | None:
         key = " ".join(part.rpartition("=")[2] for part in match[1].replace("\\", "").split(","))
         values = [(name, value.removesuffix("i")) for name, _, value in fields]
         return [(SERIES_KEY, key), ("time", match[3]), *values]
-    start = text.find("{", 0, _MAX_PREFIX)
+    start = text.find("{", 0, 240)  # of `tele/barn/SENSOR = {"Temperature": 21.5}`
     if start > 0 and text.endswith(("}", "}'")):
         before = text[:start]
         inside = text[start:].removesuffix("'")
@@ -271,9 +265,6 @@ def _with_axes(pairs: Pairs) -> Pairs:
 
 ESCAPE = "\x1b["
 _ESCAPES = re.compile(r"\x1b\[[0-?]{0,24}[ -/]{0,4}[@-~]")
-_MAX_SAMPLES = 1024
-"""Samples that one line of Teleplot may hold."""
-_STAMP_REACH = 24  # the first colon of a clock after a date
 _STAMP = (
     r"((?:[0-9]{1,4}[-/.][0-9]{1,2}[-/.][0-9]{1,4}[T _])?"
     r"[0-9]{1,2}:[0-9]{2}:[0-9]{2}(?:[.,][0-9]{1,9}(?:,[0-9]{3})?)?)"
@@ -312,8 +303,6 @@ _RFC5424 = re.compile(
     rf"<[0-9]{{1,3}}>1 ({_STAMP[1:-1]}{_ZONE})(?: [^\s]{{1,255}}){{4}} (?:-|\[[^\]]{{0,400}}\]) (.*)", re.DOTALL
 )
 """What syslog writes before a line in the form of RFC 5424: `<134>1 2024-05-17T09:30:00Z host app 412 - - `."""
-_HEXADECIMAL = frozenset(hexdigits)
-_DIGITS_OR_BLANKS = frozenset("0123456789 \t")
 _TELEPLOT = re.compile(r"\s*>([^:>|§]{1,200}):([^|§]*)(?:§([^|]*))?(?:\|(.*))?\s*", re.DOTALL)
 
 
@@ -366,7 +355,7 @@ def split_teleplot(line: str) -> Teleplot | None:
     """
     match = _TELEPLOT.fullmatch(line)
     flags = {flag.strip() for flag in (match[4] or "").split(",")} if match else set[str]()
-    if match is None or "xy" in flags or match[2].count(";") > _MAX_SAMPLES:
+    if match is None or "xy" in flags or match[2].count(";") > 1024:
         return None
     if "t" in flags:
         return Teleplot(match[1].strip(), ())
@@ -383,13 +372,13 @@ def split_stamp(line: str) -> tuple[str, str] | None:
     """(`12:00:00.023`, rest) of a line before which a serial monitor wrote its stamp; None for any other line."""
     match = line.startswith(("[", "(", "I (", "D (", "W (", "E (", "V (", "Stats ")) and _COUNTED.fullmatch(line)
     match = match or (line[:1] == "<" and _RFC5424.fullmatch(line))
-    match = match or (":" in line[:_STAMP_REACH] and _LINE_STAMP.fullmatch(line))
+    match = match or (":" in line[:24] and _LINE_STAMP.fullmatch(line))
     match = match or (" " in line[3:6:2] and _SYSLOG.fullmatch(line))
     match = match or ("] - " in line and _LOG4J.fullmatch(line))
     if match:
         stamp, rest = (group for group in match.groups() if group is not None)
         return stamp.replace(",", "") if "." in stamp else stamp, rest  # Zephyr writes 00:00:01.234,567
-    match = _BARE_STAMP.fullmatch(line) if line[:1] in _DIGITS_OR_BLANKS else None
+    match = _BARE_STAMP.fullmatch(line) if line[:1] in set("0123456789 \t") else None
     if match is None:
         return None
     if not (":" in match[2] or "=" in match[2]):
@@ -406,7 +395,7 @@ def split_checksum(line: str) -> tuple[str, int, int] | None:
     """
     text = line.strip()
     mark, digits = text[-3:-2], text[-2:]
-    if mark != "*" or not set(digits) <= _HEXADECIMAL:
+    if mark != "*" or not set(digits) <= set(hexdigits):
         return None
     payload = text[:-3].removeprefix("$")
     return payload, int(digits, 16), reduce(int.__xor__, payload.encode(), 0)

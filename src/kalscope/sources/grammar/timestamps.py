@@ -190,12 +190,9 @@ _YEAR_LAST = re.compile(
     r" ([0-9]{1,2}:.{2,40}) ([0-9]{4})\Z"
 )
 _CLOCK_FIRST = re.compile(r"^([0-9]{1,2}:.{2,24}?),? ([0-9]{1,4}[-/.][0-9]{1,2}[-/.][0-9]{1,4})")
-_WEEKDAY_BETWEEN = re.compile(r"(?<=[0-9]) \([A-Za-z]{3,10}\) ")
 _CHINESE = str.maketrans({"年": "-", "月": "-", "日": "", "时": ":", "時": ":", "分": ":", "秒": ""})
 _HALF_FIRST = re.compile(r"(\w{2}) ?([0-9]{1,2}:[0-9:]{2,5})")
 _AFTERNOON = ("오후", "下午", "午後")
-_SPACED = re.compile(r"^([0-9]{1,4})\. ([0-9]{1,2})\. ([0-9]{1,4})\.?")
-_MONTH = re.compile(r"[12][0-9]{3}[-/][0-9]{1,2}")
 
 
 def parse_calendar(cell: str, order: DateOrder = "ymd") -> float | None:
@@ -248,13 +245,14 @@ def _parse_other(cell: str, order: DateOrder) -> float | None:
     if len(cell) == 6 and cell.isascii() and cell.isdecimal():
         return _day(cell[:2], cell[2:4], cell[4:], order)
     if "(" in cell or not cell.isascii():
-        cell = _WEEKDAY_BETWEEN.sub(" ", _HALF_FIRST.sub(_half_last, cell.translate(_CHINESE)).rstrip(":"))
-    cell = _SPACED.sub(r"\1.\2.\3", cell) if ". " in cell else cell
+        cell = _HALF_FIRST.sub(_half_last, cell.translate(_CHINESE)).rstrip(":")
+        cell = re.sub(r"(?<=[0-9]) \([A-Za-z]{3,10}\) ", " ", cell)
+    cell = re.sub(r"^([0-9]{1,4})\. ([0-9]{1,2})\. ([0-9]{1,4})\.?", r"\1.\2.\3", cell) if ". " in cell else cell
     if cell[:1].isalpha():
         cell = _YEAR_LAST.sub(r"\1 \3 \2", cell)
     elif ":" in cell[1:3]:
         cell = _CLOCK_FIRST.sub(r"\2 \1", cell)
-    elif len(cell) <= 7 and _MONTH.fullmatch(cell):
+    elif len(cell) <= 7 and re.fullmatch(r"[12][0-9]{3}[-/][0-9]{1,2}", cell):
         cell += "-1"
     match = _DAY.match(cell)
     if match is None or not is_weekday(match[4]) or (match[5] and order == "mdy") or (match[8] and order != "mdy"):

@@ -42,10 +42,6 @@ MAX_COMMAND_BYTES = 63
 """Bytes of one line to the board, newline included: the receive buffer of an AVR holds 64."""
 ANSWER_S = 5.0
 """Seconds within which a board answers."""
-_REPLY_PAUSE = 1.0
-"""Seconds without any line after which a reply is complete; the next sample completes it at once."""
-_MAX_REPLY_S = 2.0
-"""Seconds after which it is taken as complete anyway: a board may send without end."""
 
 
 class Remark(str):
@@ -75,7 +71,7 @@ class CommandChannel:
         is_reply: Callable[[Remark], object] = bool,
         check: Callable[[], object] = bool,
     ) -> tuple[str, ...]:
-        """Send a line and wait for the reply.
+        """Send a line and wait for the reply: the next sample, or a second without a line, completes it.
 
         Args:
             line: As for `LiveSource.send`, which also says what this returns and raises.
@@ -93,7 +89,7 @@ class CommandChannel:
                 replies, end = list[str](), time.monotonic() + timeout
                 while time.monotonic() < end:
                     try:
-                        remark = self._remarks.get(timeout=_REPLY_PAUSE if replies else min(timeout, 0.1))
+                        remark = self._remarks.get(timeout=1.0 if replies else min(timeout, 0.1))
                     except Empty:
                         remark = Remark()
                     if replies and not remark:
@@ -101,7 +97,7 @@ class CommandChannel:
                     if self._is_gone:
                         raise BadDevice("the board was disconnected before it answered")
                     if remark and is_reply(remark):
-                        end = end if replies else time.monotonic() + _MAX_REPLY_S
+                        end = end if replies else time.monotonic() + 2.0  # a board may send without end
                         replies.append(remark)
                     if not replies:
                         check()

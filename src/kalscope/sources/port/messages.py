@@ -27,15 +27,13 @@ if TYPE_CHECKING:
 # What whole messages hold, as lines for the line parser. Opens nothing.
 
 
-MAX_SHOWN = 200
-"""Bytes of a binary message that are passed on, as one line that is then rejected."""
 _BINARY = re.compile(rb"[\x00-\x08\x0e-\x1a\x1c-\x1f\x7f]")
 
 
 def lines_of(data: bytes) -> bytes:
     r"""The lines of one message, each with its \n; b"" for none. A binary one is one line, to be rejected."""
     if _BINARY.search(data):
-        return b"\0" + data[:MAX_SHOWN].replace(b"\r", b" ").replace(b"\n", b" ") + b"\n"
+        return b"\0" + data[:200].replace(b"\r", b" ").replace(b"\n", b" ") + b"\n"
     lines = re.split(r"[\r\n]+", data.decode("utf-8", "replace"))
     return "".join(f"{_marked(line)}\n" for line in lines if line.strip()).encode()
 
@@ -89,8 +87,6 @@ class MessagePort(OpenPort):
 
 MAX_PAYLOAD = 65_536
 """Bytes of one payload, as of one line: a larger one is a picture or a file."""
-MAX_TOPIC = 200
-"""Characters of the name that a topic gives to its channels; the rest is cut off."""
 
 
 def topic_lines(subscribed: str, topic: str, payload: bytes) -> bytes:
@@ -118,7 +114,7 @@ def topic_lines(subscribed: str, topic: str, payload: bytes) -> bytes:
 
 def _printable(name: str) -> str:
     """A name without the marks of a line of Teleplot: a MAC address is AA_BB, not AA:BB."""
-    return re.sub(r"[:;>|§\x00-\x1f\x7f]", "_", name)[:MAX_TOPIC]
+    return re.sub(r"[:;>|§\x00-\x1f\x7f]", "_", name)[:200]
 
 
 def _line(name: str, value: str) -> bytes:

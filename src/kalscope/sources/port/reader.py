@@ -211,8 +211,6 @@ Item = BytesReceived | Opened | Disconnected
 # The thread.
 
 
-RETRY_DELAY = 1.0
-"""Seconds between two attempts to reopen the port."""
 _KEPT_BYTES = 1 << 17
 """Bytes that may wait for the consumer where the other side keeps the rest."""
 _MOST_BYTES = 1 << 23
@@ -319,7 +317,7 @@ class PortReader:
                 # After the state has changed, so that the consumer finds there why the board is gone.
                 self.items.put(Disconnected(self.clock.monotonic()))
                 port = None
-            waits = waits and not stop.wait(RETRY_DELAY)
+            waits = waits and not stop.wait(1.0)
 
     def _opened(self, stop: threading.Event) -> OpenPort:
         """Open the port and queue the event."""

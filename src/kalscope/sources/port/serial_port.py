@@ -101,10 +101,6 @@ class SocketPort(OpenPort):
 # Serial ports. Wraps pyserial and works around its pitfalls.
 
 
-WRITE_TIMEOUT = 2.0
-"""Seconds after which a write that is not accepted fails."""
-_WINDOWS_BUFFER = 1 << 20  # the driver's own 4096 bytes are full after 0.36 s at 115200 baud
-
 PORT_NAME = re.compile(r"(?:\\\\\.\\)?COM[0-9]+|/dev/(?:tty|cu|pts/|serial/|rfcomm).*", re.IGNORECASE | re.DOTALL)
 """Names of serial ports and of nothing else."""
 
@@ -144,12 +140,13 @@ class SerialPort(OpenPort):
             # A lock that other careful programs respect. Windows locks without being asked.
             lock = None if sys.platform == "win32" else True
             self._port = serial.serial_for_url(self.device, baudrate=spec.baud, do_not_open=True, exclusive=lock)
-            self._port.timeout, self._port.write_timeout = READ_TIMEOUT, WRITE_TIMEOUT
+            self._port.timeout, self._port.write_timeout = READ_TIMEOUT, 2.0
             if not spec.reset:
                 self._port.dtr = self._port.rts = False
             self._port.open()
             if hasattr(self._port, "set_buffer_size"):
-                self._port.set_buffer_size(rx_size=_WINDOWS_BUFFER)
+                # Of Windows: the driver's own 4096 bytes are full after 0.36 s at 115200 baud.
+                self._port.set_buffer_size(rx_size=1 << 20)
         except Exception as error:
             self.close()
             raise BadDevice(open_failure(self.device, spec.baud, error)) from error

@@ -302,8 +302,6 @@ def _slope_error(late: Array) -> float:
     steps = len(late) - 1
     rows = max(1, steps // 32)
     parts = np.diff(late[: len(late) // rows * rows].reshape(-1, rows).mean(axis=1))
-    if parts.size < 2:
-        return math.inf
     # Means of blocks of a random walk differ by 2/3 of what its end points do; a line through it loses 1.2.
     return math.sqrt(1.2 * 1.5 * float(np.var(parts, ddof=1)) / (rows * steps))
 
@@ -461,8 +459,6 @@ def missing_rows(time: Array, pauses: Indices, period: float) -> Array:
         pauses: Samples, from 0 and in rising order, after each of which samples are missing, shape (k,).
         period: Nominal sample period in s.
     """
-    if not pauses.size:
-        return np.zeros(0)
     # From the latest stamp so far: going forward again after a step back is not a gap.
     latest = np.maximum.accumulate(time)
     return np.maximum(np.rint((time[pauses + 1] - latest[pauses]) / period) - 1, 0.0)

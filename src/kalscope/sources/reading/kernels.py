@@ -27,8 +27,6 @@ MAX_SURE_STAMP = 0.99e20
 _NEWLINE = 10
 _BLANK = 32
 _TAB = 9
-_QUOTE = 34
-_STAR = 42
 _PLUS = 43
 _COMMA = 44
 _MINUS = 45
@@ -119,7 +117,7 @@ def _cell_end(data: Bytes, first: int, at: int, delimiter: int, sure: bool) -> t
         return -1, False
     while data[end] != delimiter and data[end] != _NEWLINE and not (data[end] == _TAB and delimiter == _BLANK):
         byte = data[end]
-        if byte in (_QUOTE, _STAR) or byte > 126 or (byte < _BLANK and byte != _TAB):
+        if byte in (34, 42) or byte > 126 or (byte < _BLANK and byte != _TAB):  # a quote, a star
             return -1, False
         end += 1
     return end, False

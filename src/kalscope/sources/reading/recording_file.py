@@ -351,8 +351,6 @@ def reading_of(table: Table, options: ReadOptions) -> Reading:
 def _column(name: str, unit: str) -> Column:
     """A name may hold its unit, as in a header of text."""
     column = named_column(name)
-    if column.unit.isdecimal():  # acc[0] is a name
-        column = Column(name)
     return column if unit in ("", column.unit) else replace(column, name=name, unit=unit)
 
 

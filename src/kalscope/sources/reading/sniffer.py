@@ -44,12 +44,9 @@ from kalscope.sources.reading.table import (
     Body,
     HeadTable,
     Row,
-    candidate_lines,
-    candidate_tables,
+    best_table,
     find_body,
     header_cells,
-    marked_begin,
-    weigh,
 )
 from kalscope.sources.reading.time_columns import find_time, time_name
 
@@ -58,8 +55,6 @@ from kalscope.sources.reading.time_columns import find_time, time_name
 
 MIN_CYCLES = 4
 """How often all labels must come in turn."""
-_MIN_COMPLETE = 0.9
-"""Share of the turns that must hold each usual label, and each label once."""
 MAX_INSIDE = 0.25
 """Largest share of the time between two turns that may pass between the first and the last line of one."""
 
@@ -78,7 +73,7 @@ def leading_label(rows: Sequence[Cells], labels: Sequence[int]) -> int | None:
         return None
     turns = [[i for here in held[a:b] for i in here] for a, b in pairwise(begins)]
     # A label that is in some turns only, such as the signal of the radio, is of the turn in which it comes.
-    usual = [i for i in labels if sum(i in turn for turn in turns) >= _MIN_COMPLETE * len(turns)]
+    usual = [i for i in labels if sum(i in turn for turn in turns) >= 0.9 * len(turns)]
     whole = sum({*usual} <= {*turn} and len({*turn}) == len(turn) for turn in turns)
     return first if len(usual) > 1 and whole >= 0.9 * len(turns) else None
 
@@ -414,12 +409,10 @@ def sniff(head: Sequence[str], options: ReadOptions = DEFAULTS, samples: Sequenc
     if head and head[0].strip('" \r').lower().startswith("sep="):
         head[0] = ""  # what tells a spreadsheet the delimiter is no row of names
     plan = make_plan(head, options)
-    lines, marks = candidate_lines([*head, "", *samples], marked_begin(head))
-    table, second = weigh(lines, candidate_tables(lines, plan))
+    lines, table, second = best_table(head, samples, plan)
     if table is None or table.least > MAX_COLUMNS or table.rows[0][0] > len(head):
         return None
-    form = replace(table.form, stamped=marks.stamped, checksum=marks.checksum)
-    return _layout(head, plan, lines, replace(table, form=form), second)
+    return _layout(head, plan, lines, table, second)
 
 
 def _layout(

@@ -6,7 +6,7 @@ import math
 import re
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from itertools import groupby
 from typing import Literal, NamedTuple
@@ -338,6 +338,23 @@ def marked_begin(head: Sequence[str]) -> int:
         return 0
     digits = [any(c.isdecimal() for c in line) and not is_comment(line) for line in head]
     return next((i for i in reversed(marks) if sum(digits[i:]) >= max(3, sum(digits[:i]))), 0)
+
+
+def best_table(
+    head: Sequence[str], samples: Sequence[str], plan: Plan
+) -> tuple[list[HeadLine], HeadTable | None, HeadTable | None]:
+    """The lines that may hold data, the best way to split them, None where there is none, and a close second.
+
+    Args:
+        head: The first lines of the file.
+        samples: Those from further down.
+        plan: What is decided already.
+    """
+    lines, marks = candidate_lines([*head, "", *samples], marked_begin(head))
+    best, second = weigh(lines, candidate_tables(lines, plan))
+    if best is not None:
+        best = replace(best, form=replace(best.form, stamped=marks.stamped, checksum=marks.checksum))
+    return lines, best, second
 
 
 def candidate_lines(head: Sequence[str], after: int = 0) -> tuple[list[HeadLine], LineFormat]:
