@@ -155,6 +155,18 @@ LOGS = {
         lambda i: f"2024-03-14 {clock(i, 60)},{A[i]},{B[i]}"),
     "weekdays are no sensors": log("86400 s, a = A", "date,day,a\n",
         lambda i: f"2024-{3 + i // 28:02}-{1 + i % 28:02},{DAYS[i % 7]},{A[i]}"),
+    "one label in two sections": log("no rate, P = A; air P = B; n = A",
+        lambda i: f"---\nstandard\n---\nP: {A[i]}\nair\nP: {B[i]}\n---\nn: {A[i]}\nm: 1\n"),
+    "many labels in turn": log("30 s, v [V] = A", lambda i: f"DATE : 2024-03-14 {clock(i, 30)} +0100\n"
+        + "".join(f"{c}  : on\n" for c in "abcdefghijk") + f"v : {A[i]} V\nEND  : 2024-03-14 {clock(i, 30)}"),
+    "a device and two labels": log("no rate, Id 28FF641E8D3C0C7A T = A; Id 28FF641E8D3C0C7A H = B",
+        lambda i: f"Id 28FF641E8D3C0C7A T: {A[i]} H: {B[i]}"),
+    "tuples with types": log("10 s, value 1 = A; value 2 = B", lambda i: "(datetime.datetime(2024, 3, 14, "
+        f"9, {i // 6}, {i % 6 * 10}, tzinfo=datetime.timezone.utc), np.float64({A[i]}), Decimal('{B[i]}'))"),
+    "STX, ETX and a checksum": log("no rate, value 1 = A", lambda i: nmea(f"Q,{A[i]},OK")
+        .replace("$", "\2").replace("*", "\3").rstrip()),
+    "a series in lines of five": log("0.005 s, value 1 = A", "PEER\nNPTS=  40, DT= .0050 SEC,\n",
+        "".join(f"{a:15.7E}" + "\n" * (i % 5 == 4) for i, a in enumerate(A))),
     "256 columns and a separator": log("no rate, value 256 = A", lambda i: ";".join([str(A[i])] * 256) + ";"),
     "MQTT: an object in quotes": log("10 s, t = A",
         lambda i: f"[2024-03-01 {clock(i)}] info: z2m: topic 'home/0x15', payload '{{\"n\": 1, \"t\": {A[i]}}}'"),
@@ -337,7 +349,7 @@ def test_a_label_that_is_rare_or_lacks_once_loses_no_line(read, names, text):
     ("t,a\n" + rows(lambda i: f"{5012 + 2000 * i + (i % 9 == 0)},{A[i]}\n"),
         "0.500 Hz; one every 33.3 min with --time-unit s, 500 Hz"),
     ("time,a\n" + rows(lambda i: f"03/04/2025 {clock(i)},{A[i]}\n"), "read day first"),
-    ("NPTS= 280\n" + rows(lambda i: f"{' '.join(str(A[(7 * i + k) % N]) for k in range(7))}\n"), "row by row"),
+    ("Record of 280\n" + rows(lambda i: f"{' '.join(str(A[(7 * i + k) % N]) for k in range(7))}\n"), "row by row"),
     ("t,a\n" + rows(lambda i: f"{1000 * (i // 10 * 10 - i % 10)},{A[i]}\n"), "rows of the file step back"),
     ("Time [s],Channel 0\n" + rows(lambda i: f"{CHANGES[i]:.7f},{i % 2}\n"), "the stamps have no rate"),
     ("t,r\n" + rows(lambda i: f"{i},{A[i]}{'k' * (i % 3 > 0)}\n"), '"20.0" in "r" is in k as well'),

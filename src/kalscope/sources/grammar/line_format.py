@@ -106,8 +106,10 @@ SERIES_KEY = "series key"
 """The label of its measurement and tags, which say of which sensor the fields are."""
 _TOPIC = re.compile(r"([A-Za-z$][^\s,;:=\"{/]{0,99}/[^\s,;:=\"{]{0,200}) (\S{1,40})")
 """`home/barn/temperature 21.5`: what mosquitto_sub -v writes."""
-_REMARK = re.compile(r"[ \t]\([a-z0-9][^()]{1,80}\)$")
+_REMARK = re.compile(r"[ \t]\([a-z0-9][^()]{1,80}\)(?:[ \t]{1,4}[a-z]{1,20} = [a-z ]{1,20})?$")
 """`Core 0: +42.0°C  (high = +80.0°C, crit = +100.0°C)`: lm-sensors."""
+_DEVICE = re.compile(r"(?:[A-Za-z]{1,20} )?(?:[0-9]{2}-)?(?=[A-Fa-f]{0,8}[0-9])[0-9A-Fa-f]{12,16} (?=\S)")
+"""`Device 28FF641E8D3C0C7A Temp C: 21.0 Temp F: 69.8`: all values of the line are of this device."""
 _OF = re.compile(r"(?<![/0-9.])([0-9.]{1,12}) ?/([0-9.]{1,12})(?![/0-9.])")
 """A value and what it is compared with: `T:20.9 /210.0` of Marlin, `Quality=43/70`."""
 _CELL = re.compile(r'[,;](?! )|"')
@@ -189,6 +191,9 @@ def _pairs(text: str, mark: str) -> Pairs | None:
             return None
         pairs += [(label if n == 1 else f"{label} {n}", value.strip('"')) for n, value in enumerate(values, 1)]
         label = " ".join(rest + begin)
+    device = pairs and _DEVICE.match(pairs[0][0])
+    if device:
+        pairs = [pairs[0], *((device[0] + label, value) for label, value in pairs[1:])]
     return _with_sections(pairs) if len(dict(pairs)) < len(pairs) else pairs or None
 
 

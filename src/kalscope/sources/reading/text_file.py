@@ -83,11 +83,13 @@ _FOREIGN = {
     b"RIFF": "a WAV or AVI file",
     b"CDF": "a NetCDF file: xarray.open_dataset(…).to_dataframe().to_csv(…) writes it as CSV",
     b"H Product:Blackbox": "a Betaflight blackbox log: blackbox_decode FILE writes it as CSV",
+    b"netcdf ": "the text of a NetCDF file: ncgen makes it one, xarray.open_dataset(…).to_dataframe() a table",
     b"ARROW1": "an Arrow file, which can be written as Parquet",
     b"version https://git-lfs": "a Git LFS pointer, which `git lfs pull` replaces with the file itself",
 }
 _HEAD = 1 << 16
 """Bytes that are looked at to find out whether a file is text or binary."""
+_FRAMED = re.compile(rb"\x02([^\x02\x03\n]{1,400})\x03(?=.{0,3}$)", re.MULTILINE)
 _CONTROL = re.compile(rb"[\x00-\x08\x0b\x0e-\x1f]")
 
 
@@ -199,7 +201,7 @@ def find_encoding(raw: RawFile, progress: Progress) -> str:
     if head.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
         return "utf-16"
     # Long runs of NULs were never written, as on a card that lost power; some bytes are those of a noisy wire.
-    text = re.sub(rb"\0{16,}", b"", head[:_HEAD]).replace(ESCAPE.encode(), b"")
+    text = re.sub(rb"\0{16,}", b"", _FRAMED.sub(rb"\1", head[:_HEAD])).replace(ESCAPE.encode(), b"")
     is_text = len(_CONTROL.findall(text)) <= 0.1 * len(text) and text
     if not what and not is_text and (first := _CONTROL.search(head)):
         line = head[: first.start()].count(10) + 1
@@ -285,17 +287,24 @@ def _documents(lines: Iterator[str]) -> Iterator[str]:
 
 
 def _in_blocks(head: bytes) -> bool:
-    """Whether most lines have a label, and one label comes first below most lines that are a stamp or blank."""
+    """Whether most lines have a label, and one label comes first below most lines that are a stamp or blank.
+
+    Without such lines many labels must come in turn.
+    """
     lines = head.decode("utf-8", "replace").splitlines()[:400]
-    first, labelled, begins = Counter[str](), 0, True
+    first, often, begins = Counter[str](), Counter[str](), True
     for line in lines:
         is_parting = is_blank(line) or bool(_stamp_alone(line))
         label = None if is_parting else _LABEL.match(line)
         if label is not None and begins:
             first[label[1]] += 1
-        labelled += label is not None
+        often.update([] if label is None else [label[1]])
         begins = is_parting or (begins and label is None)
-    return 3 <= max(first.values(), default=0) >= 0.6 * first.total() and 3 * labelled > len(lines)
+    turns = max(often.values(), default=0)
+    alike = sum(turns - 1 <= n <= turns for n in often.values())
+    if turns >= 3 and 10 <= len(often) < 1.1 * alike and often.total() > 0.9 * len(lines):
+        return True
+    return 3 <= max(first.values(), default=0) >= 0.6 * first.total() and 3 * often.total() > len(lines)
 
 
 def _stamp_alone(line: str) -> str:
@@ -306,18 +315,55 @@ def _stamp_alone(line: str) -> str:
 
 def _blocks(lines: Iterator[str]) -> Iterator[str]:
     """Each block of labelled lines, below a line that is a stamp or between blank ones, as an object of JSON."""
-    values, size = dict[str, str](), 0
+    values, size, headings = dict[str, str](), 0, [""]
     for line in chain(lines, ("",)):
         stamp, is_stamped = _stamp_alone(line), "time" in values
         pairs = {"time": stamp} if stamp else dict(find_pairs(line) or ())
-        ends = "time" in pairs if is_stamped else pairs.keys() & values.keys() or is_blank(line)
+        heading = "" if pairs or is_stamped else line.strip(" \t\r\n=*-")
+        above = f"{headings[-1]} ".lstrip()
+        twice = above + next(iter(pairs), "") in values if pairs.keys() & values.keys() else heading in headings[1:]
+        ends = "time" in pairs if is_stamped else twice or is_blank(line)
         if ends or not line:
             yield (json.dumps(values) if values else "") + "\n" * size
-            values, size = {}, 0
+            values, size, headings, above = {}, 0, [""], ""
+        headings += [heading] if heading else []
         for label, value in pairs.items():
-            names = chain((label,), (f"{label} {k}" for k in count(2)))
+            names = chain((label, above + label), (f"{label} {k}" for k in count(2)))
             values[next(name for name in names if name not in values)] = value
         size += 1
+
+
+def _typed(lines: Iterator[str]) -> Iterator[str]:
+    """`(2024-03-14T09:00:00.000000, 21.5)` of `(datetime.datetime(2024, 3, 14, 9, 0), np.float64(21.5))`."""
+    for line in lines:
+        yield _DATETIME.sub(_as_iso, _TYPED.sub(r"\2", line))
+
+
+def _as_iso(match: re.Match[str]) -> str:
+    parts = [int(part) for part in match[1].split(",")]
+    return "{:04}-{:02}-{:02}T{:02}:{:02}:{:02}.{:06}".format(*parts, *[0] * (7 - len(parts)))
+
+
+def _framed(lines: Iterator[str]) -> Iterator[str]:
+    """`$Q,226,2.44*1A` of a line between STX and ETX with its checksum, `Q,226,2.44` of one without."""
+    for line in lines:
+        found = _FRAME.search(line)
+        yield line if found is None else f"${found[1]}*{found[2]}\n" if found[2] else f"{found[1]}\n"
+
+
+def _series_of_lines(lines: Iterator[str]) -> Iterator[str]:
+    """Each number of a line on a line of its own, below the line with NPTS."""
+    begun = False
+    for line in lines:
+        yield "\n".join(line.split()) + "\n" if begun else line
+        begun = begun or "NPTS" in line
+
+
+def _counted(head: bytes) -> bool:
+    """Whether the rows below `NPTS= 1503` hold several values each, all of the last ones but one as many."""
+    count = re.search(rb"NPTS= {0,8}([0-9]{2,9})[^\n]*\n", head)
+    widths = [len(line.split()) for line in head[count.end() :].splitlines()[:-1]] if count else []
+    return len(widths) > 2 and len({*widths[:-1]}) == 1 < widths[0] and bool(count) and sum(widths) <= int(count[1])
 
 
 def _tuples(lines: Iterator[str]) -> Iterator[str]:
@@ -334,8 +380,11 @@ def _tuples(lines: Iterator[str]) -> Iterator[str]:
 
 
 _KEY = re.compile(r"( {0,40})(?:- )?([A-Za-z_][\w/-]{0,60}):(?: {1,20}(\S.*))?")
+_TYPED = re.compile(r"\b(?:np\.[a-z]{3,5}[0-9]{1,2}|Decimal|Timestamp)\(('?)([^()']{1,60})\1\)")
+_DATETIME = re.compile(r"\bdatetime\.datetime\(([0-9]{4}(?:, ?[0-9]{1,6}){2,6})(?:, tzinfo=[\w.()]{1,40})?\)")
+_FRAME = re.compile(r"\x02([^\x02\x03]{1,400})\x03([0-9A-F]{2})?\s*$")
 _TUPLE = re.compile(r"\(((?:[^()']|'[^']*'){1,4000})\)[,;\s]")
-_LABEL = re.compile(r"[ \t]*([A-Za-z_][^:=]{0,60})[:=]")
+_LABEL = re.compile(r"[ \t]*([A-Za-z_](?:[^:=,;|\t]|\t(?=[\t :=])){0,60})[:=]")
 """What begins a labelled line."""
 _REWRITTEN: dict[str, tuple[bytes, Callable[[bytes], object], Callable[[Iterator[str]], Iterator[str]]]] = {
     "of NMEA, GGA gives the altitude and RMC the speed, both the clock; other sentences are comments": (
@@ -345,6 +394,11 @@ _REWRITTEN: dict[str, tuple[bytes, Callable[[bytes], object], Callable[[Iterator
     "each document of YAML is a row": (
         *(b"\n---", re.compile(rb"^[a-z_]+:.*\n(?:[ a-z_]+:.*\n){1,400}---\n", re.MULTILINE).search, _documents),
     ),
+    "of values printed with their type by Python only the value is read": (
+        *(b"(", re.compile(rb"\b(?:datetime\.datetime|np\.(?:float|int)[0-9]{1,2})\([^()]{1,60}\)").search, _typed),
+    ),
+    "lines are framed by STX and ETX": (b"\3", _FRAMED.search, _framed),
+    "the lines hold one signal, as many values as NPTS says": (b"NPTS=", _counted, _series_of_lines),
     "the rows that INSERT statements of SQL hold": (
         *(b"INSERT", re.compile(rb"^INSERT INTO .* VALUES", re.MULTILINE).search, _tuples),
     ),
