@@ -8,7 +8,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.signal import lfilter
 
 from kalscope import FilterParams, denoise, estimate, ratio_for, steady_state
 from kalscope.errors import BadSetting
@@ -165,6 +164,8 @@ def test_no_gate_keeps_out_more_than_a_tenth_of_the_movement(seed):
 @pytest.mark.slow
 def test_of_a_long_record_spikes_and_momentum_are_found_as_of_a_short_one():
     """Parts of it decide what is set aside and whether there is momentum; q, r and momentum are of all of it."""
+    from scipy.signal import lfilter
+
     rng = np.random.default_rng(5)
     n = 300_000
     truth = np.cumsum(lfilter([0.1], [1.0, -math.exp(-1.0 / 40.0)], rng.normal(size=n)))

@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy.stats import binom
 from tests.support.effort import FUZZ
 from tests.support.signals import moving
 
@@ -145,6 +144,8 @@ def benchmark():
 @pytest.mark.parametrize("n", [300, 1500])
 def test_the_intervals_cover_the_truth(benchmark, n):
     """Over all τ together: 60 runs can tell 95 % from 67 %, a single τ hardly; 98 % only `make soak` can."""
+    from scipy.stats import binom
+
     rows = [benchmark["coverage"](truth, n, RUNS) for truth in benchmark["TRUTHS"]]
     count = RUNS * len(rows)
     for name in ("q", "r", "tau"):
@@ -155,6 +156,8 @@ def test_the_intervals_cover_the_truth(benchmark, n):
 
 @pytest.mark.slow
 def test_the_intervals_cover_the_truth_where_the_choice_is_uncertain_and_random_walks_get_no_momentum(benchmark):
+    from scipy.stats import binom
+
     chosen, *shares = benchmark["uncertain_choice"](RUNS)
     assert 0.0 < chosen < 1.0
     for share in shares:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scipy.stats import norm
 
 from kalscope import BadSetting, FilterParams, denoise, estimate, kalman_filter, smooth
 from kalscope.filtering.filter import KalmanFilter
@@ -39,8 +38,8 @@ def mixture(z, dt, params):
             good = 1 - params.spikes
             before = np.array([*grown, speeds @ grown])
             noise = params.r * np.array([1.0, 1.0, SPIKE])
-            joint = np.array([*(good * speeds), params.spikes])
-            joint = joint * norm.pdf(reading, x, np.sqrt(before + noise))
+            joint = np.array([*(good * speeds), params.spikes]) / np.sqrt(2 * np.pi * (before + noise))
+            joint = joint * np.exp(-0.5 * (reading - x) ** 2 / (before + noise))
             total += np.log(joint.sum())
             joint /= joint.sum()
             each = x + before / (before + noise) * (reading - x)

@@ -14,7 +14,6 @@ import numpy as np
 import pytest
 import yaml
 from ruamel.yaml import YAML
-from scipy.signal import lfilter
 
 from kalscope import BadSetting, ChannelTuning, Recording, Tuning, denoise, export_tuning, fuse, kalman_filter
 from kalscope.export.settings import settings_of
@@ -92,6 +91,8 @@ def first_order(pattern, text, z):
 
 
 def second_order(text, z):
+    from scipy.signal import lfilter
+
     ohm, cosine = math.tan(math.pi * number(text, "INS_GYRO_FILTER,") * PERIOD), 2.0 * math.cos(math.pi / 4.0)
     c, b0 = 1.0 + cosine * ohm + ohm * ohm, ohm * ohm
     return lfilter([b0, 2.0 * b0, b0], [c, 2.0 * (ohm * ohm - 1.0), 1.0 - cosine * ohm + ohm * ohm], z)

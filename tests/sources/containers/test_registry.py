@@ -84,7 +84,7 @@ def read_or_refuse(path, data):
 @pytest.mark.slow
 def test_a_damaged_container_is_refused_or_read(container):
     data, draw = container.read_bytes(), random.Random(7)
-    for cut in {1, 8, 100, *(len(data) * k // 8 for k in range(1, 8)), len(data) - 1}:
+    for cut in {1, 100, *(len(data) * k // 8 for k in (1, 4, 7)), len(data) - 1}:
         read_or_refuse(container, data[:cut])
     for _ in range(8 * FUZZ):
         damaged = bytearray(data)
