@@ -21,6 +21,8 @@ from kalscope.sources.reading.sniffer import Layout
 
 BOOT_SECONDS = 2.0
 """Seconds after an opening in which a board may restart: a line that is not a row is then boot text, not damage."""
+_SILENCE = 0.3
+"""Seconds after which the rest of a line does not come: a line is sent in one go."""
 _MAX_REJECTED_RUN = 32
 """Successive rejected lines after which the board is assumed to run another program."""
 
@@ -108,7 +110,7 @@ class LiveLines:
         """The lines that are complete. Take them all before the next bytes."""
         parser, rows = self._parser, self.counts.accepted
         self._boot = received.end - self._opened <= BOOT_SECONDS
-        if received.silence > 0.3:  # s; a line is sent in one go
+        if received.silence > _SILENCE:
             if not parser.is_inside_line:
                 self._whole = True
             elif self._boot:
