@@ -15,6 +15,7 @@ from tests.support.waiting import PATIENCE
 from kalscope.common import files
 from kalscope.common.progress import Progress
 from kalscope.errors import BadFile, BadSetting, Cancelled, NoMemory
+from kalscope.sources.grammar.read_options import ReadOptions
 from kalscope.sources.reading import recording_file, text_file
 from kalscope.sources.reading import rows as csv_rows
 from kalscope.sources.reading.recording_file import find_missing, read_recording
@@ -299,12 +300,16 @@ def at_moments(signal, code, every=97, long=1):
 
 @pytest.mark.parametrize("code", [-999.0, -9999.9, 9999.0, -888.0])
 @pytest.mark.parametrize("every", [3, N])
-def test_nines_that_are_very_far_from_the_rest_are_missing_samples(code, every):
+def test_nines_that_are_very_far_from_the_rest_are_missing_samples(tmp_path, code, every):
     near, wide = at_moments(WALK, code, every), at_moments(2000.0 * WALK, code, every)
     values = np.column_stack([near, wide])
     note, *_ = find_missing(values, ["near", "wide"], (values.min(axis=0), values.max(axis=0)))
     assert note.startswith(f"{code:.15g} is a missing value: it occurs")
     assert np.array_equal(np.isnan(values), np.column_stack([near == code, np.zeros(N)]))
+    log = tmp_path / "a.csv"
+    log.write_text("a\n" + "".join(f"{z}\n" for z in near))
+    counts = [np.isnan(read_recording(log, ReadOptions(missing=said)).values).sum() for said in ((), ("none",))]
+    assert counts == [(near == code).sum(), 0]
 
 
 SURE = [999.9, 888.0, -200.0, -127.0, 85.0, -7999.0, 32767.0, -32768.0, 65535.0, 1e30]

@@ -67,13 +67,14 @@ _OVERFLOWS = {9.9e37, 9.91e37, 1e38}
 """Overload and NaN of instruments (SCPI), of either sign: always removed."""
 
 
-def find_missing(values: Array, names: Sequence[str], ends: Extremes) -> list[str]:
+def find_missing(values: Array, names: Sequence[str], ends: Extremes, *, is_declared: bool = False) -> list[str]:
     """Replace values that are certainly no samples by NaN, in place, and ask about others that may be none.
 
     Args:
         values: Samples, shape (n, channels), NaN where missing.
         names: Channel names.
         ends: Their smallest and largest samples.
+        is_declared: Whether the user has declared what is missing: then no code of nines is removed unasked.
 
     Returns:
         One sentence for each value that is the smallest or largest of a channel, a code, and further from the rest
@@ -82,7 +83,7 @@ def find_missing(values: Array, names: Sequence[str], ends: Extremes) -> list[st
     found: dict[tuple[float, bool], dict[int, int]] = {}
     for i, (low, high) in enumerate(zip(*ends, strict=True)):
         for value in {float(low), float(high)}:
-            sure = _surety(value)
+            sure = min(_surety(value), 2 if is_declared else 3)
             certain = abs(value) in _OVERFLOWS or (sure == 3 and _stands_out(values[:, i], value, sure))
             if certain or _stands_out(values[:, i], value, min(sure, 2)):
                 here = values[:, i] == value
@@ -93,7 +94,8 @@ def find_missing(values: Array, names: Sequence[str], ends: Extremes) -> list[st
         where = _listed([f'"{names[i]}"' for i in often])
         times = f"{count(sum(often.values()))} times in {where}, far from the rest"
         asked = f"is {value:.15g} a missing value? It occurs {times}; if so, read with --missing {value:.15g}"
-        notes.append(Assumption(f"{value:.15g} is a missing value: it occurs {times}" if certain else asked))
+        undo = "" if abs(value) in _OVERFLOWS else "; if not, read with --missing none"
+        notes.append(Assumption(f"{value:.15g} is a missing value: it occurs {times}{undo}" if certain else asked))
     return notes
 
 
@@ -194,7 +196,8 @@ def assemble(reading: Reading, options: ReadOptions, sample_period: float | None
     with np.errstate(invalid="ignore"):
         ends = np.fmin.reduce(values), np.fmax.reduce(values)
     notes += _about_columns(layout, ends, len(values), name)
-    notes += find_missing(values, [layout.columns[i].name for i in channels], ends)
+    names = tuple(layout.columns[i].name for i in channels)
+    notes += find_missing(values, names, ends, is_declared=bool(options.missing))
     time, inserted = axis.time, 0
     if options.gaps != "rows":
         if period is None or layout.time is None:
@@ -220,7 +223,6 @@ def assemble(reading: Reading, options: ReadOptions, sample_period: float | None
         timing=timing,
         options=(*decided, *option_words(options)),
     )
-    names = tuple(layout.columns[i].name for i in channels)
     units = tuple(layout.columns[i].unit for i in channels)
     return Recording(time, names, units, values, period, report, gaps=options.gaps)
 

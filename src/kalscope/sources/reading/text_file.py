@@ -292,13 +292,12 @@ def _in_blocks(head: bytes) -> bool:
     Without such lines many labels must come in turn.
     """
     lines = b"".join(head.splitlines(keepends=True)[:400]).decode("utf-8", "replace").splitlines()
-    labels = [_LABEL.match(line) for line in lines]
-    if 3 * sum(label is not None for label in labels) <= len(lines):
+    if 3 * sum(_LABEL.match(line) is not None for line in lines) <= len(lines):
         return False
     first, often, begins = Counter[str](), Counter[str](), True
-    for line, label in zip(lines, labels, strict=True):
+    for line in lines:
         is_parting = is_blank(line) or bool(_stamp_alone(line))
-        label = None if is_parting else label
+        label = None if is_parting else _LABEL.match(line)
         if label is not None and begins:
             first[label[1]] += 1
         often.update([] if label is None else [label[1]])
